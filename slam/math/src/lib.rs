@@ -1,1 +1,21 @@
-//! To be written.
+//! Lowest room: numbers that come out the same on every x86-64 CPU.
+//!
+//! * [`float`]: the only way to transcendental functions (crate `libm`), and min/max with a fixed answer for signed zeros.
+//! * [`se3`]: rigid transforms `target_from_source`, exponential map, [`align`]: best rigid/similarity fit of point sets.
+//! * [`id`]: stamps and identifiers in creation order, and the append-only [`id::IdVec`].
+//! * [`rng`]: random numbers by coordinates (seed, frame, stage, item), never a shared stream.
+//! * [`digest`]: canonical bytes and their xxh3-128.
+//! * [`par`]: the only parallel construct, an ordered map over fixed work items.
+
+pub mod align;
+pub mod digest;
+pub mod float;
+pub mod id;
+pub mod par;
+pub mod rng;
+pub mod se3;
+
+pub use digest::{Digest, DigestWriter};
+pub use id::{FrameId, IdVec, KeyFrameId, MapId, MapPointId, Stamp};
+pub use rng::Rng;
+pub use se3::Se3;
