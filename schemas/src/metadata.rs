@@ -1,0 +1,79 @@
+//! Metadata records: small named tables of text in the file, outside the message stream.
+//!
+//! MCAP gives them no checksum, so each of ours carries one of its own content under [`CHECKSUM_KEY`]; `recover` keeps
+//! only records whose checksum agrees.
+
+use std::collections::BTreeMap;
+use xxhash_rust::xxh3::xxh3_128;
+
+/// Where the data came from. Keys: `kind` (`tum`, `synthetic`, ...), `name` (folder or scene), `program` (version of
+/// the writer), `log_format` ([`LOG_FORMAT`]).
+pub const SOURCE: &str = "pslam/source";
+/// Frames and units in words, for a reader without this program. Keys: `time`, `world`, `camera`, `poses`, `depth`, `masks`.
+pub const CONVENTIONS: &str = "pslam/conventions";
+/// Depth. Keys: [`DEPTH_UNITS_PER_METRE`], `registered_to` (frame name).
+pub const DEPTH: &str = "pslam/depth";
+/// Key of [`DEPTH`] and of the depth channel's metadata: pixel value of one metre, exact decimal text (`5000`, `1000`).
+pub const DEPTH_UNITS_PER_METRE: &str = "units_per_metre";
+/// Colour-depth pairing. Keys: [`TOLERANCE_NS`], `rule`, `paired`, `unpaired_color`, `unpaired_depth`, `largest_gap_ns`.
+/// A reader pairs again with [`crate::pairing::associate`] and this tolerance.
+pub const PAIRING: &str = "pslam/pairing";
+/// Key of [`PAIRING`]: whole nanoseconds as text.
+pub const TOLERANCE_NS: &str = "tolerance_ns";
+/// A segmentation layer is described under this prefix and its name. Keys: `origin`, `void`, `class_encoding`.
+pub const SEGMENTATION_PREFIX: &str = "pslam/segmentation/";
+/// What an importer repaired or left out, written at the end. One key a kind of repair, with its count.
+pub const IMPORT: &str = "pslam/import";
+/// Written by `recover`: what the damaged file had lost.
+pub const RECOVERY: &str = "pslam/recovery";
+
+/// Version of the conventions in this crate.
+pub const LOG_FORMAT: &str = "1";
+/// Key whose value is the record's [`checksum`].
+pub const CHECKSUM_KEY: &str = "checksum_xxh3_128";
+
+/// Hash over the name and all other keys and values, in key order, each preceded by its length (u64, little endian).
+#[must_use]
+pub fn checksum(name: &str, values: &BTreeMap<String, String>) -> String {
+    let mut bytes = Vec::new();
+    let entries = values.iter().filter(|(key, _)| *key != CHECKSUM_KEY);
+    let texts = std::iter::once(name).chain(entries.flat_map(|(key, value)| [key.as_str(), value.as_str()]));
+    for text in texts {
+        bytes.extend_from_slice(&(text.len() as u64).to_le_bytes());
+        bytes.extend_from_slice(text.as_bytes());
+    }
+    format!("{:032x}", xxh3_128(&bytes))
+}
+
+/// Adds (or renews) the checksum.
+#[must_use]
+pub fn seal(name: &str, mut values: BTreeMap<String, String>) -> BTreeMap<String, String> {
+    let sum = checksum(name, &values);
+    values.insert(CHECKSUM_KEY.to_owned(), sum);
+    values
+}
+
+/// Whether the record carries a checksum and it agrees; `None` without one (another program's record).
+#[must_use]
+pub fn verify(name: &str, values: &BTreeMap<String, String>) -> Option<bool> {
+    values.get(CHECKSUM_KEY).map(|sum| *sum == checksum(name, values))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn checksum_sees_every_change() {
+        let values = BTreeMap::from([("a".to_owned(), "bc".to_owned()), ("d".to_owned(), String::new())]);
+        let sealed = seal("name", values.clone());
+        assert_eq!(verify("name", &sealed), Some(true));
+        assert_eq!(verify("name", &values), None);
+        assert_eq!(verify("other", &sealed), Some(false));
+        let mut moved = sealed.clone();
+        moved.remove("a");
+        moved.insert("ab".to_owned(), "c".to_owned());
+        assert_eq!(verify("name", &moved), Some(false));
+        assert_eq!(seal("name", sealed.clone()), sealed);
+    }
+}

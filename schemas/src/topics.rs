@@ -1,0 +1,118 @@
+//! Which message stands on which topic, and the names of frames and units.
+//!
+//! Stamps: a message's log time and publish time are its header stamp. Masks carry the stamp of the colour picture they
+//! were made from. Messages stand in the file in order of log time; equal times in the order of this page.
+
+use crate::Message;
+
+/// Ground truth, [`crate::msg::PoseStamped`]: `world_from_camera`, every row of the source.
+pub const GROUND_TRUTH: &str = "/ground_truth/pose";
+/// The same poses as [`crate::msg::TFMessage`] edges [`frame::WORLD`] -> [`frame::CAMERA`].
+pub const TF: &str = "/tf";
+/// Calibration of the colour camera, [`crate::msg::CameraInfo`], one a picture.
+pub const COLOR_INFO: &str = "/camera/color/camera_info";
+/// Colour, [`crate::msg::CompressedImage`] with PNG or JPEG bytes.
+pub const COLOR: &str = "/camera/color/image/compressed";
+/// Calibration of the depth image, [`crate::msg::CameraInfo`], one a picture. Registered depth: equal to the colour one.
+pub const DEPTH_INFO: &str = "/camera/depth/camera_info";
+/// Depth, [`crate::msg::Image`] `16UC1`, 0 = none; units per metre in [`crate::metadata::DEPTH`].
+pub const DEPTH: &str = "/camera/depth/image";
+/// Inertial measurements, [`crate::msg::Imu`].
+pub const IMU: &str = "/camera/imu";
+
+/// Names in `frame_id`.
+pub mod frame {
+    /// The ground truth's fixed frame.
+    pub const WORLD: &str = "world";
+    /// The colour camera: x right, y down, z forward. Registered depth and masks stand in it too.
+    pub const CAMERA: &str = "camera_color_optical_frame";
+}
+
+/// The layer that the SLAM reads unless told otherwise.
+pub const DEFAULT_LAYER: &str = "panoptic";
+const SEGMENTATION: &str = "/segmentation/";
+
+/// The topics of one named segmentation layer. A log may hold several (two networks, exact labels).
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LayerTopics {
+    /// [`crate::msg::CategoryTable`], once, before the first mask.
+    pub categories: String,
+    /// [`crate::msg::LabelInfo`], once: the same names for other tools.
+    pub label_info: String,
+    /// [`crate::msg::Image`] `mono8` or `mono16`: category id a pixel, 0 = void (unknown).
+    pub class: String,
+    /// [`crate::msg::Image`] `mono16`: segment id a pixel, 0 = void (unknown).
+    pub instance: String,
+    /// [`crate::msg::SegmentTable`], one a mask.
+    pub segments: String,
+}
+
+impl LayerTopics {
+    /// The topics of the layer with this name.
+    #[must_use]
+    pub fn new(layer: &str) -> Self {
+        let topic = |leaf: &str| format!("{SEGMENTATION}{layer}/{leaf}");
+        Self {
+            categories: topic("categories"),
+            label_info: topic("label_info"),
+            class: topic("class"),
+            instance: topic("instance"),
+            segments: topic("segments"),
+        }
+    }
+}
+
+/// Whether a text can name a segmentation layer: a ROS name token (letter first, then letters, digits, `_`).
+#[must_use]
+pub fn is_layer_name(text: &str) -> bool {
+    text.starts_with(|c: char| c.is_ascii_alphabetic()) && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
+}
+
+/// The layer that a topic belongs to, if it is a segmentation topic.
+#[must_use]
+pub fn layer_of(topic: &str) -> Option<&str> {
+    let (layer, leaf) = topic.strip_prefix(SEGMENTATION)?.split_once('/')?;
+    matches!(leaf, "categories" | "label_info" | "class" | "instance" | "segments").then_some(layer)
+}
+
+/// The message type that this project writes on a topic.
+#[must_use]
+pub fn schema_name(topic: &str) -> Option<&'static str> {
+    use crate::msg::{
+        CameraInfo, CategoryTable, CompressedImage, Image, Imu, LabelInfo, PoseStamped, SegmentTable, TFMessage,
+    };
+    match topic {
+        GROUND_TRUTH => Some(PoseStamped::SCHEMA_NAME),
+        TF => Some(TFMessage::SCHEMA_NAME),
+        COLOR_INFO | DEPTH_INFO => Some(CameraInfo::SCHEMA_NAME),
+        COLOR => Some(CompressedImage::SCHEMA_NAME),
+        DEPTH => Some(Image::SCHEMA_NAME),
+        IMU => Some(Imu::SCHEMA_NAME),
+        _ => {
+            let leaf = layer_of(topic).and_then(|_| topic.rsplit('/').next())?;
+            Some(match leaf {
+                "categories" => CategoryTable::SCHEMA_NAME,
+                "label_info" => LabelInfo::SCHEMA_NAME,
+                "segments" => SegmentTable::SCHEMA_NAME,
+                _ => Image::SCHEMA_NAME,
+            })
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn layers_are_found_in_their_own_topics() {
+        let topics = LayerTopics::new("exact");
+        for topic in [&topics.categories, &topics.label_info, &topics.class, &topics.instance, &topics.segments] {
+            assert_eq!(layer_of(topic), Some("exact"));
+            assert!(schema_name(topic).is_some());
+        }
+        assert_eq!(layer_of(COLOR), None);
+        assert_eq!(layer_of("/segmentation/exact/other"), None);
+        assert!(is_layer_name("panoptic_2") && !is_layer_name("a/b") && !is_layer_name("") && !is_layer_name("2a"));
+    }
+}
