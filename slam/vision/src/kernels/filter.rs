@@ -1,0 +1,107 @@
+//! Brightness, bilinear resizing and blur.
+
+/// Weights of the 7-tap Gaussian with standard deviation 2, in 1/256: centre, then outwards.
+const GAUSS: [u16; 4] = [56, 49, 33, 18];
+
+/// Bits of a bilinear weight, as in OpenCV's resize of 8-bit images.
+const WEIGHT_BITS: u32 = 11;
+
+/// Where a column or row of a resized image lies in its source: between `first` and `first + 1`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct Bilinear {
+    /// Source position to the left or above.
+    pub first: u32,
+    /// Weight of the next source position, in 1/2048.
+    pub weight_next: u32,
+}
+
+impl Bilinear {
+    /// Source positions for all `target` pixels of a line resized from `source` pixels (at least 2), centres aligned.
+    /// Integer throughout: position (x + 1/2) source / target - 1/2.
+    pub fn line(source: usize, target: usize, out: &mut Vec<Self>) {
+        let last = source as i64 - 2;
+        let denominator = 2 * target as i64;
+        out.clear();
+        out.extend((0..target as i64).map(|x| {
+            let numerator = (2 * x + 1) * source as i64 - target as i64;
+            let first = numerator.div_euclid(denominator);
+            let rest = numerator.rem_euclid(denominator);
+            let weight_next = ((rest << WEIGHT_BITS) + target as i64) / denominator;
+            match first {
+                ..0 => Self { first: 0, weight_next: 0 },
+                first if first > last => Self { first: last as u32, weight_next: 1 << WEIGHT_BITS },
+                first => Self { first: first as u32, weight_next: weight_next as u32 },
+            }
+        }));
+    }
+}
+
+#[inline(always)]
+pub(super) fn gray(rgb: &[u8], gray: &mut [u8]) {
+    for (gray, rgb) in gray.iter_mut().zip(rgb.chunks_exact(3)) {
+        *gray = ((u32::from(rgb[0]) * 4899 + u32::from(rgb[1]) * 9617 + u32::from(rgb[2]) * 1868 + 8192) >> 14) as u8;
+    }
+}
+
+#[inline(always)]
+pub(super) fn resize_row(
+    above: &[u8],
+    below: &[u8],
+    weight_below: u32,
+    columns: &[Bilinear],
+    blend: &mut [u32],
+    out: &mut [u8],
+) {
+    const ONE: u32 = 1 << WEIGHT_BITS;
+    for ((blend, &above), &below) in blend.iter_mut().zip(above).zip(below) {
+        *blend = u32::from(above) * (ONE - weight_below) + u32::from(below) * weight_below;
+    }
+    for (out, column) in out.iter_mut().zip(columns) {
+        let [left, right] = [blend[column.first as usize], blend[column.first as usize + 1]];
+        let sum = left * (ONE - column.weight_next) + right * column.weight_next;
+        *out = ((sum + (1 << (2 * WEIGHT_BITS - 1))) >> (2 * WEIGHT_BITS)) as u8;
+    }
+}
+
+/// Down the columns first, rounded to 8 bits, then along the row. The rounding in between adds a seventh of the noise
+/// of the final rounding, and keeps all sums within 16 bits.
+#[inline(always)]
+pub(super) fn blur(image: &[u8], width: usize, padded: &mut Vec<u8>, out: &mut [u8]) {
+    if width == 0 {
+        return;
+    }
+    let height = image.len() / width;
+    padded.clear();
+    padded.resize(width + 6, 0);
+    for (y, out) in out.chunks_exact_mut(width).enumerate() {
+        let rows: [&[u8]; 7] = std::array::from_fn(|k| &image[reflect(y + k, height) * width..][..width]);
+        weigh(rows, &mut padded[3..width + 3]);
+        for k in 0..3 {
+            padded[k] = padded[3 + reflect(k, width)];
+            padded[width + 3 + k] = padded[3 + reflect(width + 3 + k, width)];
+        }
+        weigh(std::array::from_fn(|k| &padded[k..k + width]), out);
+    }
+}
+
+/// Index at `position - 3` in a line mirrored about its first and last element (which are not repeated).
+#[inline(always)]
+fn reflect(position: usize, len: usize) -> usize {
+    let period = (2 * len - 2).max(1);
+    let index = (position + 3 * period - 3) % period;
+    index.min(period - index).min(len - 1)
+}
+
+/// Weighted mean of seven lines, rounded to nearest.
+#[inline(always)]
+fn weigh(lines: [&[u8]; 7], out: &mut [u8]) {
+    let lines = lines.map(|line| &line[..out.len()]);
+    for (x, out) in out.iter_mut().enumerate() {
+        let tap = |k: usize| u16::from(lines[k][x]);
+        let sum = GAUSS[0] * tap(3)
+            + GAUSS[1] * (tap(2) + tap(4))
+            + GAUSS[2] * (tap(1) + tap(5))
+            + GAUSS[3] * (tap(0) + tap(6));
+        *out = ((sum + 128) >> 8) as u8;
+    }
+}

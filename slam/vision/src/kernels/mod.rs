@@ -1,0 +1,83 @@
+//! The loops that touch every pixel or descriptor, each written once and compiled twice: for any x86-64 CPU and for
+//! CPUs with AVX2 and popcnt. All of them compute with integers, so both give the same bits.
+
+mod bits;
+mod fast;
+mod filter;
+mod patch;
+
+pub(crate) use filter::Bilinear;
+pub(crate) use patch::{Moments, PATCH_MARGIN};
+
+use crate::Descriptor;
+
+/// Which compiled version of the kernels runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Kernels {
+    wide: bool,
+}
+
+impl Kernels {
+    /// The fastest version this CPU can run.
+    #[must_use]
+    pub fn detect() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        let wide = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("popcnt");
+        #[cfg(not(target_arch = "x86_64"))]
+        let wide = false;
+        Self { wide }
+    }
+
+    /// The version that runs everywhere.
+    #[must_use]
+    pub fn scalar() -> Self {
+        Self { wide: false }
+    }
+}
+
+/// Gives each kernel a method of [`Kernels`] that calls the version to run.
+macro_rules! dispatch {
+    ($($(#[$doc:meta])* fn $name:ident($($arg:ident: $ty:ty),* $(,)?) = $body:path;)*) => {
+        impl Kernels {
+            $(
+                $(#[$doc])*
+                pub(crate) fn $name(self, $($arg: $ty),*) {
+                    #[cfg(target_arch = "x86_64")]
+                    if self.wide {
+                        #[target_feature(enable = "avx2,popcnt")]
+                        fn wide($($arg: $ty),*) {
+                            $body($($arg),*);
+                        }
+                        // SAFETY: `wide` is only ever set by `detect`, which found both features on this CPU.
+                        unsafe { wide($($arg),*) };
+                        return;
+                    }
+                    $body($($arg),*);
+                }
+            )*
+        }
+    };
+}
+
+dispatch! {
+    /// Brightness of interleaved RGB pixels; `rgb` holds three bytes for each of `gray`.
+    fn gray(rgb: &[u8], gray: &mut [u8]) = filter::gray;
+    /// One row of a bilinearly resized image, from the two source rows around it.
+    fn resize_row(above: &[u8], below: &[u8], weight_below: u32, columns: &[Bilinear], blend: &mut [u32], out: &mut [u8])
+        = filter::resize_row;
+    /// 7 x 7 Gaussian blur with standard deviation 2 of a `width`-wide image; `padded` is scratch.
+    fn blur(image: &[u8], width: usize, padded: &mut Vec<u8>, out: &mut [u8]) = filter::blur;
+    /// FAST-9 scores of a rectangle.
+    fn fast_scores(image: &[u8], width: usize, columns: (usize, usize), rows: (usize, usize), threshold: u8, scores: &mut [u8])
+        = fast::scores;
+    /// Intensity moments of the patches around `centers` (positions in `image`).
+    fn moments(image: &[u8], width: usize, centers: &[usize], out: &mut [Moments]) = patch::moments;
+    /// Descriptors of the patches around `centers`, turned by the given (cosine, sine).
+    fn describe(blurred: &[u8], width: usize, centers: &[usize], turns: &[[f32; 2]], out: &mut [Descriptor])
+        = patch::describe;
+    /// Distances of one descriptor to many.
+    fn hamming_many(query: &Descriptor, descriptors: &[Descriptor], distances: &mut [u32]) = bits::hamming_many;
+    /// Distances of one descriptor to some of many.
+    fn hamming_at(query: &Descriptor, descriptors: &[Descriptor], indices: &[u32], distances: &mut [u32])
+        = bits::hamming_at;
+}

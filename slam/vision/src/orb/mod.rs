@@ -1,0 +1,162 @@
+//! ORB features: FAST corners over an image pyramid, spread by a quadtree, with direction and descriptor
+//! (Rublee et al., "ORB: an efficient alternative to SIFT or SURF", ICCV 2011; spreading as in ORB-SLAM).
+//!
+//! Where the usual implementations differ on purpose: non-maximum suppression sees the whole level, so a corner on the
+//! seam of two cells is found once; all choices are total orders; a keypoint's level-0 pixel is where its pixel centre
+//! really lies, not its level coordinates times the scale (which is off by up to 1.3 pixels at octave 7).
+
+mod config;
+mod corners;
+mod pattern;
+mod pyramid;
+mod spread;
+
+pub use config::OrbConfig;
+pub(crate) use pattern::PAIRS;
+
+use crate::kernels::{Moments, PATCH_MARGIN};
+use crate::{Descriptor, GrayImage, Kernels, VisionError};
+use corners::Corner;
+use pyramid::Pyramid;
+
+/// The features of an image; entry `i` of every list belongs to keypoint `i`. Sorted by octave, then y, then x.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Features {
+    /// Pixel in the image as given (level 0, lens distortion included).
+    pub pixel: Vec<[f32; 2]>,
+    /// Pyramid level, 0 = full resolution.
+    pub octave: Vec<u8>,
+    /// Direction of the patch's intensity centroid, radians in (-pi, pi], clockwise from x as y points down.
+    pub angle: Vec<f32>,
+    /// FAST score: largest threshold at which the pixel is still a corner.
+    pub response: Vec<u8>,
+    /// Steered BRIEF on the blurred level.
+    pub descriptor: Vec<Descriptor>,
+}
+
+impl Features {
+    /// Number of keypoints.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.pixel.len()
+    }
+
+    /// Whether there is no keypoint.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.pixel.is_empty()
+    }
+}
+
+/// Buffers that [`OrbExtractor::extract_with`] reuses from frame to frame. Never changes a result.
+#[derive(Debug, Clone, Default)]
+pub struct Workspace {
+    pyramid: Pyramid,
+    scores: Vec<u8>,
+    corners: Vec<Corner>,
+    blurred: Vec<u8>,
+    padded_row: Vec<u8>,
+    centers: Vec<usize>,
+    moments: Vec<Moments>,
+    turns: Vec<[f32; 2]>,
+}
+
+/// Finds and describes keypoints.
+#[derive(Debug, Clone)]
+pub struct OrbExtractor {
+    config: OrbConfig,
+    kernels: Kernels,
+    scales: Vec<f64>,
+    quotas: Vec<usize>,
+}
+
+impl OrbExtractor {
+    /// An extractor with the fastest kernels of this CPU. Fails when a setting is out of range.
+    pub fn new(config: &OrbConfig) -> Result<Self, VisionError> {
+        Self::with_kernels(config, Kernels::detect())
+    }
+
+    /// An extractor with the given kernels; the features are the same with any.
+    pub fn with_kernels(config: &OrbConfig, kernels: Kernels) -> Result<Self, VisionError> {
+        config.validate()?;
+        Ok(Self { config: config.clone(), kernels, scales: config.scales(), quotas: config.quotas() })
+    }
+
+    /// Size of a pixel of `octave` in pixels of the image: `scale_factor^octave`. Panics for octaves that don't exist.
+    #[must_use]
+    pub fn scale(&self, octave: u8) -> f64 {
+        self.scales[usize::from(octave)]
+    }
+
+    /// [`OrbExtractor::scale`] of every octave.
+    #[must_use]
+    pub fn scales(&self) -> &[f64] {
+        &self.scales
+    }
+
+    /// At most `config.features` keypoints of an image. Images too small for a patch (38 pixels) have none.
+    ///
+    /// Panics when `gray.data` does not hold `width * height` values.
+    #[must_use]
+    pub fn extract(&self, gray: &GrayImage) -> Features {
+        self.extract_with(gray, &mut Workspace::default())
+    }
+
+    /// [`OrbExtractor::extract`] with buffers kept from earlier frames.
+    #[must_use]
+    pub fn extract_with(&self, gray: &GrayImage, workspace: &mut Workspace) -> Features {
+        assert_eq!(gray.data.len(), gray.width * gray.height, "pixels of a {} x {} image", gray.width, gray.height);
+        let mut pyramid = std::mem::take(&mut workspace.pyramid);
+        let mut features = Features::default();
+        for octave in 0..self.scales.len() {
+            let level = if octave == 0 { gray } else { pyramid.level(self.kernels, gray, octave, self.scales[octave]) };
+            if level.width <= 2 * PATCH_MARGIN || level.height <= 2 * PATCH_MARGIN {
+                break;
+            }
+            self.find(level, self.quotas[octave], workspace);
+            self.describe(level, workspace, &mut features);
+            let ratio = [(gray.width, level.width), (gray.height, level.height)].map(|(a, b)| a as f64 / b as f64);
+            for corner in &workspace.corners {
+                let to_base = |value: u32, ratio: f64| ((f64::from(value) + 0.5) * ratio - 0.5) as f32;
+                features.pixel.push([to_base(corner.x, ratio[0]), to_base(corner.y, ratio[1])]);
+                features.octave.push(octave as u8);
+                features.response.push(corner.score);
+            }
+        }
+        workspace.pyramid = pyramid;
+        features
+    }
+
+    /// Leaves the corners of a level, at most `quota`, in `workspace.corners`.
+    fn find(&self, level: &GrayImage, quota: usize, workspace: &mut Workspace) {
+        corners::score(self.kernels, level, &self.config, &mut workspace.scores);
+        corners::local_maxima(&workspace.scores, level, &mut workspace.corners);
+        spread::spread(&mut workspace.corners, level.width, level.height, quota);
+    }
+
+    /// Appends direction and descriptor of every corner in `workspace.corners`.
+    fn describe(&self, level: &GrayImage, workspace: &mut Workspace, features: &mut Features) {
+        let count = workspace.corners.len();
+        if count == 0 {
+            return;
+        }
+        workspace.centers.clear();
+        workspace.centers.extend(workspace.corners.iter().map(|c| c.y as usize * level.width + c.x as usize));
+        workspace.moments.resize(count, Moments::default());
+        self.kernels.moments(&level.data, level.width, &workspace.centers, &mut workspace.moments);
+        workspace.turns.clear();
+        for moments in &workspace.moments {
+            let (x, y) = (f64::from(moments.x), f64::from(moments.y));
+            let norm = (x * x + y * y).sqrt();
+            // The direction vector itself is the cosine and sine; a patch without direction is not turned.
+            workspace.turns.push(if norm > 0.0 { [(x / norm) as f32, (y / norm) as f32] } else { [1.0, 0.0] });
+            features.angle.push(slam_math::float::atan2(y, x) as f32);
+        }
+        workspace.blurred.resize(level.data.len(), 0);
+        self.kernels.blur(&level.data, level.width, &mut workspace.padded_row, &mut workspace.blurred);
+        let start = features.descriptor.len();
+        features.descriptor.resize(start + count, [0; 4]);
+        let out = &mut features.descriptor[start..];
+        self.kernels.describe(&workspace.blurred, level.width, &workspace.centers, &workspace.turns, out);
+    }
+}

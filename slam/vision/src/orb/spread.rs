@@ -1,0 +1,106 @@
+//! Thinning of corners to an even spread over the image.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use super::corners::Corner;
+
+/// A rectangle of the quadtree and its corners, `corners[first..end]`.
+#[derive(Debug, Clone, Copy)]
+struct Node {
+    depth: u32,
+    x: u32,
+    y: u32,
+    width: u32,
+    height: u32,
+    first: usize,
+    end: usize,
+}
+
+/// Keeps at most `quota` corners, spread over the image, sorted by (y, x).
+///
+/// The rectangles of a quadtree are split level by level, within a level the fullest first (ties: upper, then left
+/// one first), until there are `quota` of them or each holds one corner. The best corner of each stays: highest score,
+/// then smallest y, then x. The last split may give up to three corners too many: the weakest go.
+pub(super) fn spread(corners: &mut Vec<Corner>, width: usize, height: usize, quota: usize) {
+    let mut nodes = roots(corners, width as u32, height as u32);
+    let rank = |nodes: &[Node], index: usize| {
+        let node = &nodes[index];
+        (Reverse(node.depth), node.end - node.first, Reverse(node.y), Reverse(node.x), index)
+    };
+    let mut open: BinaryHeap<_> = (0..nodes.len()).map(|index| rank(&nodes, index)).collect();
+    let mut count = nodes.iter().filter(|node| node.first < node.end).count();
+    while count < quota {
+        let Some((_, len, _, _, index)) = open.pop() else { break };
+        if len < 2 {
+            continue;
+        }
+        count -= 1;
+        for child in split(corners, nodes[index]) {
+            let is_filled = child.first < child.end;
+            nodes.push(child);
+            if is_filled {
+                count += 1;
+                open.push(rank(&nodes, nodes.len() - 1));
+            }
+        }
+        // A split rectangle keeps no corners of its own.
+        nodes[index].end = nodes[index].first;
+    }
+    let best = |node: &Node| corners[node.first..node.end].iter().copied().max_by_key(strength);
+    let mut kept: Vec<Corner> = nodes.iter().filter_map(best).collect();
+    kept.sort_unstable_by_key(|corner| Reverse(strength(corner)));
+    kept.truncate(quota);
+    kept.sort_unstable_by_key(|corner| (corner.y, corner.x));
+    *corners = kept;
+}
+
+/// Total order: the score, then the upper, then the left corner.
+fn strength(corner: &Corner) -> (u8, Reverse<u32>, Reverse<u32>) {
+    (corner.score, Reverse(corner.y), Reverse(corner.x))
+}
+
+/// As many about square rectangles side by side as a landscape image holds, at least one.
+fn roots(corners: &mut [Corner], width: u32, height: u32) -> Vec<Node> {
+    let count = ((2 * width + height) / (2 * height)).max(1);
+    let step = width.div_ceil(count);
+    let mut first = 0;
+    (0..count)
+        .map(|k| {
+            let x = k * step;
+            let end = first + partition(&mut corners[first..], |corner| corner.x < x + step);
+            let node = Node { depth: 0, x, y: 0, width: step, height, first, end };
+            first = end;
+            node
+        })
+        .collect()
+}
+
+/// The four quarters of a rectangle; its corners are regrouped in place.
+fn split(corners: &mut [Corner], node: Node) -> [Node; 4] {
+    let (left, top) = (node.width.div_ceil(2), node.height.div_ceil(2));
+    let (x, y) = (node.x + left, node.y + top);
+    let middle = node.first + partition(&mut corners[node.first..node.end], |corner| corner.y < y);
+    let upper = node.first + partition(&mut corners[node.first..middle], |corner| corner.x < x);
+    let lower = middle + partition(&mut corners[middle..node.end], |corner| corner.x < x);
+    let (right, bottom) = (node.width - left, node.height - top);
+    let depth = node.depth + 1;
+    [
+        Node { depth, width: left, height: top, first: node.first, end: upper, ..node },
+        Node { depth, x, width: right, height: top, first: upper, end: middle, ..node },
+        Node { depth, y, width: left, height: bottom, first: middle, end: lower, ..node },
+        Node { depth, x, y, width: right, height: bottom, first: lower, end: node.end },
+    ]
+}
+
+/// Moves the corners that satisfy `goes_first` to the front and counts them.
+fn partition(corners: &mut [Corner], goes_first: impl Fn(&Corner) -> bool) -> usize {
+    let mut count = 0;
+    for i in 0..corners.len() {
+        if goes_first(&corners[i]) {
+            corners.swap(count, i);
+            count += 1;
+        }
+    }
+    count
+}

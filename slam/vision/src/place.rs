@@ -1,0 +1,173 @@
+//! Place recognition without a vocabulary: which keyframes show the same descriptors as a query?
+//!
+//! Multi-index hashing (Norouzi, Punjani, Fleet, "Fast search in Hamming space with multi-index hashing", CVPR 2012):
+//! two descriptors that differ in few bits agree exactly in at least one of several 16-bit samples of their bits.
+//! Entries that share a sample are compared in full, and a keyframe gets one vote for each query descriptor that has
+//! a close counterpart in it. Nothing has to be trained, and results depend only on what is stored, not on the order in
+//! which it was added.
+
+use std::collections::BTreeMap;
+
+use crate::{Descriptor, hamming};
+
+/// Bit samples per descriptor. At 12 % differing bits (typical for the same corner seen again) a counterpart is found
+/// with probability 1 - (1 - 0.88^16)^8 = 67 %.
+const TABLES: usize = 8;
+const BUCKETS: usize = 1 << 16;
+/// Two descriptors count as the same corner up to this distance (of 256 bits).
+const MAX_DISTANCE: u32 = 64;
+/// A bucket with more entries than this says nothing about the place and is skipped.
+const MAX_BUCKET: u32 = 512;
+/// Descriptors kept per keyframe, spread evenly over the given list; 68 bytes each.
+const MAX_DESCRIPTORS: usize = 500;
+/// End of a chain.
+const NIL: u32 = u32::MAX;
+
+/// Index over the descriptors of keyframes. Takes 68 bytes a descriptor (at most 500 a keyframe) plus 4 MiB.
+#[derive(Debug, Clone)]
+pub struct PlaceIndex {
+    /// Keyframe id -> its entries.
+    keyframes: BTreeMap<u32, Vec<u32>>,
+    entries: Vec<Entry>,
+    free: Vec<u32>,
+    tables: Vec<Table>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Entry {
+    descriptor: Descriptor,
+    keyframe: u32,
+    /// Next entry of the same bucket, a table each.
+    next: [u32; TABLES],
+}
+
+/// First entry and number of entries of every bucket.
+#[derive(Debug, Clone)]
+struct Table {
+    head: Vec<u32>,
+    len: Vec<u32>,
+}
+
+impl Default for PlaceIndex {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl PlaceIndex {
+    /// An empty index.
+    #[must_use]
+    pub fn new() -> Self {
+        let table = Table { head: vec![NIL; BUCKETS], len: vec![0; BUCKETS] };
+        Self { keyframes: BTreeMap::new(), entries: Vec::new(), free: Vec::new(), tables: vec![table; TABLES] }
+    }
+
+    /// Number of keyframes in the index.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.keyframes.len()
+    }
+
+    /// Whether the index holds no keyframe.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.keyframes.is_empty()
+    }
+
+    /// Stores the descriptors of a keyframe, in place of what the same id held before.
+    pub fn add(&mut self, keyframe_id: u32, descriptors: &[Descriptor]) {
+        self.remove(keyframe_id);
+        let slots = spread(descriptors).map(|descriptor| self.insert(keyframe_id, descriptor)).collect();
+        self.keyframes.insert(keyframe_id, slots);
+    }
+
+    /// Forgets a keyframe; false when it was not there.
+    pub fn remove(&mut self, keyframe_id: u32) -> bool {
+        let Some(slots) = self.keyframes.remove(&keyframe_id) else { return false };
+        for slot in slots {
+            self.unlink(slot);
+            self.free.push(slot);
+        }
+        true
+    }
+
+    /// The keyframes that share most with `descriptors`: (id, number of query descriptors with a counterpart there),
+    /// best first, equal scores by ascending id. Keyframes without a vote are left out. At most 500 of the query's
+    /// descriptors, spread evenly, are looked up.
+    #[must_use]
+    pub fn query(&self, descriptors: &[Descriptor], max_results: usize) -> Vec<(u32, u32)> {
+        // Per keyframe: votes, and the last query descriptor that voted for it.
+        let mut votes: BTreeMap<u32, (u32, usize)> = BTreeMap::new();
+        for (turn, descriptor) in spread(descriptors).enumerate() {
+            for table in 0..TABLES {
+                let bucket = key(descriptor, table);
+                if self.tables[table].len[bucket] > MAX_BUCKET {
+                    continue;
+                }
+                let mut slot = self.tables[table].head[bucket];
+                while slot != NIL {
+                    let entry = &self.entries[slot as usize];
+                    slot = entry.next[table];
+                    if hamming(descriptor, &entry.descriptor) <= MAX_DISTANCE {
+                        let (count, last) = votes.entry(entry.keyframe).or_insert((0, usize::MAX));
+                        *count += u32::from(*last != turn);
+                        *last = turn;
+                    }
+                }
+            }
+        }
+        let mut ranked: Vec<(u32, u32)> = votes.into_iter().map(|(id, (count, _))| (id, count)).collect();
+        ranked.sort_by_key(|&(id, count)| (std::cmp::Reverse(count), id));
+        ranked.truncate(max_results);
+        ranked
+    }
+
+    fn insert(&mut self, keyframe: u32, descriptor: &Descriptor) -> u32 {
+        let mut entry = Entry { descriptor: *descriptor, keyframe, next: [NIL; TABLES] };
+        let slot = self.free.pop().unwrap_or(self.entries.len() as u32);
+        for (table, next) in entry.next.iter_mut().enumerate() {
+            let bucket = key(descriptor, table);
+            *next = std::mem::replace(&mut self.tables[table].head[bucket], slot);
+            self.tables[table].len[bucket] += 1;
+        }
+        if slot as usize == self.entries.len() {
+            self.entries.push(entry);
+        } else {
+            self.entries[slot as usize] = entry;
+        }
+        slot
+    }
+
+    fn unlink(&mut self, slot: u32) {
+        let removed = self.entries[slot as usize];
+        for table in 0..TABLES {
+            let bucket = key(&removed.descriptor, table);
+            self.tables[table].len[bucket] -= 1;
+            let mut at = self.tables[table].head[bucket];
+            if at == slot {
+                self.tables[table].head[bucket] = removed.next[table];
+                continue;
+            }
+            while self.entries[at as usize].next[table] != slot {
+                at = self.entries[at as usize].next[table];
+            }
+            self.entries[at as usize].next[table] = removed.next[table];
+        }
+    }
+}
+
+/// Bits `table`, `table + 16`, `table + 32`, ... as a bucket number: the pattern lists alike pairs one after another,
+/// so bits far apart are the least dependent.
+fn key(descriptor: &Descriptor, table: usize) -> usize {
+    descriptor
+        .iter()
+        .flat_map(|word| (0..4).map(move |k| word >> (table + 16 * k) & 1))
+        .fold(0, |key, bit| key << 1 | bit) as usize
+}
+
+/// At most [`MAX_DESCRIPTORS`] of the list, evenly spread: the list is sorted by octave and row, and a cut would lose
+/// the coarse octaves, which are seen from farthest.
+fn spread(descriptors: &[Descriptor]) -> impl Iterator<Item = &Descriptor> {
+    let taken = descriptors.len().min(MAX_DESCRIPTORS);
+    (0..taken).map(move |i| &descriptors[i * descriptors.len() / taken])
+}
