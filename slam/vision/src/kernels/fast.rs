@@ -37,11 +37,16 @@ pub(super) fn scores(
     threshold: u8,
     scores: &mut [u8],
 ) {
-    let circle = CIRCLE.map(|(x, y)| y * width as isize + x);
+    let mut circle = [0; 16];
+    for (offset, (x, y)) in circle.iter_mut().zip(CIRCLE) {
+        *offset = y * width as isize + x;
+    }
     for y in rows.0..rows.1 {
         let (first, end) = (y * width + columns.0, y * width + columns.1);
         if end - first < BLOCK {
-            (first..end).for_each(|at| score_block::<1>(image, at, circle, threshold, scores));
+            for at in first..end {
+                score_block::<1>(image, at, circle, threshold, scores);
+            }
             continue;
         }
         for at in (first..end - BLOCK).step_by(BLOCK) {
@@ -52,39 +57,65 @@ pub(super) fn scores(
     }
 }
 
+/// Keeps of one row of scores those that exceed all eight neighbours, and writes 0 elsewhere; of equal neighbours the
+/// first in row-major order wins. The outermost pixels become 0. All slices have the same length, at least 2.
+#[inline(always)]
+pub(super) fn suppress_row(above: &[u8], row: &[u8], below: &[u8], out: &mut [u8]) {
+    let inner = row.len() - 2;
+    out[0] = 0;
+    out[inner + 1] = 0;
+    let [a0, a1, a2] = [&above[..inner], &above[1..][..inner], &above[2..][..inner]];
+    let [r0, r1, r2] = [&row[..inner], &row[1..][..inner], &row[2..][..inner]];
+    let [b0, b1, b2] = [&below[..inner], &below[1..][..inner], &below[2..][..inner]];
+    for (x, out) in out[1..][..inner].iter_mut().enumerate() {
+        let earlier = larger(larger(a0[x], a1[x]), larger(a2[x], r0[x]));
+        let later = larger(larger(b0[x], b1[x]), larger(b2[x], r2[x]));
+        *out = if (r1[x] > earlier) & (r1[x] >= later) { r1[x] } else { 0 };
+    }
+}
+
+// The loops below are spelt out: closures handed to `array::map` and `array::from_fn` are compiled outside the function
+// that enables the wide instructions.
+
 #[inline(always)]
 fn score_block<const N: usize>(image: &[u8], at: usize, circle: [isize; 16], threshold: u8, scores: &mut [u8]) {
-    let load = |k: usize| Lanes::<N>::load(image, at.wrapping_add_signed(circle[k]));
     let center = Lanes::<N>::load(image, at);
+    let mut ring = [center; 16];
+    for k in [0, 4, 8, 12] {
+        ring[k] = Lanes::load(image, at.wrapping_add_signed(circle[k]));
+    }
     // Nine consecutive pixels always cover one of each two opposite pixels, so most blocks end here.
-    let quarters = [0, 4, 8, 12].map(load);
-    let needed = |difference: [Lanes<N>; 4]| {
-        let [top, right, bottom, left] = difference;
-        top.max(bottom).min(right.max(left))
-    };
-    let brighter = needed(quarters.map(|p| p.minus(center)));
-    let darker = needed(quarters.map(|p| center.minus(p)));
-    if !brighter.max(darker).any_above(threshold) {
+    let brightest = ring[0].max(ring[8]).min(ring[4].max(ring[12])).minus(center);
+    let darkest = center.minus(ring[0].min(ring[8]).max(ring[4].min(ring[12])));
+    if !brightest.max(darkest).any_above(threshold) {
         Lanes::<N>([0; N]).store(scores, at);
         return;
     }
-    let ring: [Lanes<N>; 16] = std::array::from_fn(load);
-    let brighter = weakest_of_best_arc(std::array::from_fn(|k| ring[k].minus(center)));
-    let darker = weakest_of_best_arc(std::array::from_fn(|k| center.minus(ring[k])));
+    for k in 0..16 {
+        ring[k] = Lanes::load(image, at.wrapping_add_signed(circle[k]));
+    }
+    let brighter = weakest_of_best_arc(&ring).minus(center);
+    for pixels in &mut ring {
+        *pixels = pixels.inverse();
+    }
+    let darker = weakest_of_best_arc(&ring).minus(center.inverse());
+    // A difference of d is more than every threshold up to d - 1.
     let mut score = brighter.max(darker);
     for lane in &mut score.0 {
-        // A difference of d is more than every threshold up to d - 1.
         *lane = if *lane > threshold { *lane - 1 } else { 0 };
     }
     score.store(scores, at);
 }
 
-/// Maximum over the 16 arcs of 9 pixels of the minimum within the arc.
+/// Maximum over the 16 arcs of 9 pixels of the darkest pixel within the arc.
 #[inline(always)]
-fn weakest_of_best_arc<const N: usize>(ring: [Lanes<N>; 16]) -> Lanes<N> {
-    // Arcs k..=k+8 and k-1..=k+7 share the eight pixels k..=k+7; only odd k are needed to name all arcs.
-    let pairs: [Lanes<N>; 8] = std::array::from_fn(|i| ring[2 * i + 1].min(ring[(2 * i + 2) % 16]));
-    let fours: [Lanes<N>; 8] = std::array::from_fn(|i| pairs[i].min(pairs[(i + 1) % 8]));
+fn weakest_of_best_arc<const N: usize>(ring: &[Lanes<N>; 16]) -> Lanes<N> {
+    // Arcs k-1..=k+7 and k..=k+8 share the eight pixels k..=k+7; only odd k are needed to name all arcs.
+    let mut fours = [Lanes([0; N]); 8];
+    for (i, four) in fours.iter_mut().enumerate() {
+        let k = 2 * i + 1;
+        *four = ring[k].min(ring[(k + 1) % 16]).min(ring[(k + 2) % 16].min(ring[(k + 3) % 16]));
+    }
     let mut best = Lanes([0; N]);
     for i in 0..8 {
         let eight = fours[i].min(fours[(i + 2) % 8]);
@@ -111,29 +142,50 @@ impl<const N: usize> Lanes<N> {
         image[at..at + N].copy_from_slice(&self.0);
     }
 
-    #[inline(always)]
-    fn zip(self, other: Self, f: impl Fn(u8, u8) -> u8) -> Self {
-        Self(std::array::from_fn(|i| f(self.0[i], other.0[i])))
-    }
-
     /// Difference, 0 where it would be negative.
     #[inline(always)]
-    fn minus(self, other: Self) -> Self {
-        self.zip(other, u8::saturating_sub)
+    fn minus(mut self, other: Self) -> Self {
+        for i in 0..N {
+            self.0[i] = self.0[i].saturating_sub(other.0[i]);
+        }
+        self
     }
 
     #[inline(always)]
-    fn min(self, other: Self) -> Self {
-        self.zip(other, |a, b| if a < b { a } else { b })
+    fn inverse(mut self) -> Self {
+        for i in 0..N {
+            self.0[i] = 255 - self.0[i];
+        }
+        self
     }
 
     #[inline(always)]
-    fn max(self, other: Self) -> Self {
-        self.zip(other, |a, b| if a > b { a } else { b })
+    fn min(mut self, other: Self) -> Self {
+        for i in 0..N {
+            self.0[i] = if self.0[i] < other.0[i] { self.0[i] } else { other.0[i] };
+        }
+        self
+    }
+
+    #[inline(always)]
+    fn max(mut self, other: Self) -> Self {
+        for i in 0..N {
+            self.0[i] = larger(self.0[i], other.0[i]);
+        }
+        self
     }
 
     #[inline(always)]
     fn any_above(self, threshold: u8) -> bool {
-        self.0.iter().fold(0, |any, &lane| any | lane.saturating_sub(threshold)) != 0
+        let mut any = 0;
+        for i in 0..N {
+            any |= self.0[i].saturating_sub(threshold);
+        }
+        any != 0
     }
+}
+
+#[inline(always)]
+fn larger(a: u8, b: u8) -> u8 {
+    if a > b { a } else { b }
 }

@@ -74,13 +74,15 @@ pub(super) fn blur(image: &[u8], width: usize, padded: &mut Vec<u8>, out: &mut [
     padded.clear();
     padded.resize(width + 6, 0);
     for (y, out) in out.chunks_exact_mut(width).enumerate() {
-        let rows: [&[u8]; 7] = std::array::from_fn(|k| &image[reflect(y + k, height) * width..][..width]);
-        weigh(rows, &mut padded[3..width + 3]);
+        let row = |k: usize| &image[reflect(y + k, height) * width..][..width];
+        weigh([row(0), row(1), row(2), row(3), row(4), row(5), row(6)], &mut padded[3..width + 3]);
         for k in 0..3 {
             padded[k] = padded[3 + reflect(k, width)];
             padded[width + 3 + k] = padded[3 + reflect(width + 3 + k, width)];
         }
-        weigh(std::array::from_fn(|k| &padded[k..k + width]), out);
+        let shifted = |k: usize| &padded[k..k + width];
+        let lines = [shifted(0), shifted(1), shifted(2), shifted(3), shifted(4), shifted(5), shifted(6)];
+        weigh(lines, out);
     }
 }
 
@@ -95,13 +97,12 @@ fn reflect(position: usize, len: usize) -> usize {
 /// Weighted mean of seven lines, rounded to nearest.
 #[inline(always)]
 fn weigh(lines: [&[u8]; 7], out: &mut [u8]) {
-    let lines = lines.map(|line| &line[..out.len()]);
+    let len = out.len();
+    let [a, b, c, d, e, f, g] = lines;
+    let [a, b, c, d, e, f, g] = [&a[..len], &b[..len], &c[..len], &d[..len], &e[..len], &f[..len], &g[..len]];
     for (x, out) in out.iter_mut().enumerate() {
-        let tap = |k: usize| u16::from(lines[k][x]);
-        let sum = GAUSS[0] * tap(3)
-            + GAUSS[1] * (tap(2) + tap(4))
-            + GAUSS[2] * (tap(1) + tap(5))
-            + GAUSS[3] * (tap(0) + tap(6));
+        let pair = |left: &[u8], right: &[u8]| u16::from(left[x]) + u16::from(right[x]);
+        let sum = GAUSS[0] * u16::from(d[x]) + GAUSS[1] * pair(c, e) + GAUSS[2] * pair(b, f) + GAUSS[3] * pair(a, g);
         *out = ((sum + 128) >> 8) as u8;
     }
 }

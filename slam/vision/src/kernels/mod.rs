@@ -70,6 +70,8 @@ dispatch! {
     /// FAST-9 scores of a rectangle.
     fn fast_scores(image: &[u8], width: usize, columns: (usize, usize), rows: (usize, usize), threshold: u8, scores: &mut [u8])
         = fast::scores;
+    /// Non-maximum suppression of one row of scores.
+    fn suppress_row(above: &[u8], row: &[u8], below: &[u8], out: &mut [u8]) = fast::suppress_row;
     /// Intensity moments of the patches around `centers` (positions in `image`).
     fn moments(image: &[u8], width: usize, centers: &[usize], out: &mut [Moments]) = patch::moments;
     /// Descriptors of the patches around `centers`, turned by the given (cosine, sine).

@@ -99,13 +99,17 @@ fn sample(
     xs: &[f32; 256],
     ys: &[f32; 256],
 ) -> [u8; 256] {
-    let mut positions = [0; 256];
+    let mut offsets = [0; 256];
     for i in 0..256 {
         let x = round(xs[i] * cos - ys[i] * sin);
         let y = round(xs[i] * sin + ys[i] * cos);
-        positions[i] = y * width as i32 + x;
+        offsets[i] = y * width as i32 + x;
     }
-    positions.map(|offset| image[center.wrapping_add_signed(offset as isize)])
+    let mut values = [0; 256];
+    for i in 0..256 {
+        values[i] = image[center.wrapping_add_signed(offsets[i] as isize)];
+    }
+    values
 }
 
 /// Nearest integer, half to even, for small numbers: at 1.5 * 2^23 the last bit of an f32 is worth 1.

@@ -41,21 +41,27 @@ fn cells(len: usize, wanted: usize) -> impl Iterator<Item = (usize, usize)> {
 }
 
 /// Replaces `corners` by the pixels whose score exceeds that of all eight neighbours, in row-major order. Of equal
-/// neighbours the first in row-major order wins.
-pub(super) fn local_maxima(scores: &[u8], level: &GrayImage, corners: &mut Vec<Corner>) {
-    const CHUNK: usize = 32;
+/// neighbours the first in row-major order wins. `peaks` is scratch.
+pub(super) fn local_maxima(
+    kernels: Kernels,
+    scores: &[u8],
+    level: &GrayImage,
+    peaks: &mut Vec<u8>,
+    corners: &mut Vec<Corner>,
+) {
+    const WORD: usize = 8;
     let width = level.width;
     corners.clear();
+    // Whole words, so that empty stretches can be skipped eight pixels at a time.
+    peaks.clear();
+    peaks.resize(width.next_multiple_of(WORD), 0);
     for y in PATCH_MARGIN..level.height - PATCH_MARGIN {
-        let row = &scores[y * width..][..width];
-        for (chunk, values) in row.chunks(CHUNK).enumerate().filter(|(_, values)| !is_zero(values)) {
-            for (lane, &score) in values.iter().enumerate().filter(|&(_, &score)| score > 0) {
-                let x = chunk * CHUNK + lane;
-                let [above, below] = [y - 1, y + 1].map(|y| &scores[y * width + x - 1..][..3]);
-                let beats_earlier = above.iter().all(|&other| score > other) && score > row[x - 1];
-                if beats_earlier && score >= row[x + 1] && below.iter().all(|&other| score >= other) {
-                    corners.push(Corner { x: x as u32, y: y as u32, score });
-                }
+        let row = |y: usize| &scores[y * width..][..width];
+        kernels.suppress_row(row(y - 1), row(y), row(y + 1), &mut peaks[..width]);
+        let (words, _) = peaks.as_chunks::<WORD>();
+        for (k, word) in words.iter().enumerate().filter(|(_, word)| u64::from_ne_bytes(**word) != 0) {
+            for (lane, &score) in word.iter().enumerate().filter(|&(_, &score)| score > 0) {
+                corners.push(Corner { x: (k * WORD + lane) as u32, y: y as u32, score });
             }
         }
     }

@@ -53,6 +53,7 @@ impl Features {
 pub struct Workspace {
     pyramid: Pyramid,
     scores: Vec<u8>,
+    peaks: Vec<u8>,
     corners: Vec<Corner>,
     blurred: Vec<u8>,
     padded_row: Vec<u8>,
@@ -130,7 +131,7 @@ impl OrbExtractor {
     /// Leaves the corners of a level, at most `quota`, in `workspace.corners`.
     fn find(&self, level: &GrayImage, quota: usize, workspace: &mut Workspace) {
         corners::score(self.kernels, level, &self.config, &mut workspace.scores);
-        corners::local_maxima(&workspace.scores, level, &mut workspace.corners);
+        corners::local_maxima(self.kernels, &workspace.scores, level, &mut workspace.peaks, &mut workspace.corners);
         spread::spread(&mut workspace.corners, level.width, level.height, quota);
     }
 
