@@ -1,1 +1,7 @@
-//! To be written.
+//! Everything that reads a log: reader and timeline ([`log`]), evaluation against ground truth ([`eval`]) and plots
+//! ([`plot`]).
+
+pub mod eval;
+mod output;
+
+pub use output::{OutputError, write_file};
