@@ -2,49 +2,59 @@
 //!
 //! The picture is a seeded collage of rectangles with noise: corners on every level, no recording needed.
 
+#[path = "../tests/common/mod.rs"]
+mod common;
+
+use common::{collage, descriptors, recorded_frames};
 use divan::{Bencher, black_box};
 use slam_math::Rng;
 use slam_vision::{
-    Bounds, Descriptor, GrayImage, Image, Kernels, KeypointGrid, OrbConfig, OrbExtractor, PlaceIndex, Workspace,
-    gray_from_rgb, hamming, hamming_at, hamming_many,
+    Bounds, Kernels, KeypointGrid, OrbConfig, OrbExtractor, PlaceIndex, Workspace, gray_from_rgb, hamming, hamming_at,
+    hamming_many,
 };
 
 fn main() {
     divan::main();
 }
 
-fn collage() -> GrayImage {
-    let mut rng = Rng::at(1, 0, 0, 0);
-    let mut image = Image::new(640, 480, 128u8);
-    for _ in 0..1500 {
-        let (x, y) = (rng.below(640) as usize, rng.below(480) as usize);
-        let (width, height, gray) = (4 + rng.below(40) as usize, 4 + rng.below(40) as usize, rng.below(256) as u8);
-        for row in image.data.chunks_exact_mut(640).skip(y).take(height) {
-            row[x..(x + width).min(640)].fill(gray);
-        }
-    }
-    for pixel in &mut image.data {
-        *pixel = pixel.saturating_add(rng.below(8) as u8);
-    }
-    image
-}
-
-fn descriptors(count: usize, seed: u64) -> Vec<Descriptor> {
-    let mut rng = Rng::at(seed, 0, 0, 0);
-    (0..count).map(|_| std::array::from_fn(|_| rng.next_u64())).collect()
-}
-
 #[divan::bench(args = [true, false])]
 fn extract_640x480_1000_features(bencher: Bencher<'_, '_>, wide: bool) {
     let kernels = if wide { Kernels::detect() } else { Kernels::scalar() };
     let extractor = OrbExtractor::with_kernels(&OrbConfig::default(), kernels).unwrap();
-    let (image, mut workspace) = (collage(), Workspace::default());
+    let (image, mut workspace) = (collage(640, 480), Workspace::default());
     bencher.bench_local(|| extractor.extract_with(black_box(&image), &mut workspace));
+}
+
+/// Does nothing when the shared recordings are absent.
+#[divan::bench]
+fn extract_recorded_640x480(bencher: Bencher<'_, '_>) {
+    let extractor = OrbExtractor::new(&OrbConfig::default()).unwrap();
+    let mut workspace = Workspace::default();
+    if let Some(image) = recorded_frames("kitchen_static", 0, 1_000_000).first() {
+        bencher.bench_local(|| extractor.extract_with(black_box(image), &mut workspace));
+    }
+}
+
+/// Real descriptors crowd into few buckets; random ones do not. Does nothing when the shared recordings are absent.
+#[divan::bench]
+fn place_query_among_all_recorded_keyframes(bencher: Bencher<'_, '_>) {
+    let extractor = OrbExtractor::new(&OrbConfig::default()).unwrap();
+    let mut index = PlaceIndex::new();
+    let mut query = Vec::new();
+    for name in ["kitchen_static", "kitchen_moving_box", "kitchen_placing_box", "kitchen_robots_people"] {
+        for image in recorded_frames(name, 0, 6) {
+            query = extractor.extract(&image).descriptor;
+            index.add(index.len() as u32, &query);
+        }
+    }
+    if !index.is_empty() {
+        bencher.bench_local(|| index.query(black_box(&query), 5));
+    }
 }
 
 #[divan::bench]
 fn gray_640x480(bencher: Bencher<'_, '_>) {
-    let rgb: Vec<u8> = collage().data.iter().flat_map(|&v| [v, v / 2, 255 - v]).collect();
+    let rgb: Vec<u8> = collage(640, 480).data.iter().flat_map(|&v| [v, v / 2, 255 - v]).collect();
     bencher.bench_local(|| gray_from_rgb(black_box(&rgb), 640, 480));
 }
 

@@ -1,29 +1,15 @@
-//! The extractor on a recorded frame (skipped when the shared recordings are absent).
+//! Recorded frames (skipped when the shared recordings are absent).
 
-use std::path::Path;
+mod common;
 
-use slam_vision::{GrayImage, Kernels, OrbConfig, OrbExtractor, gray_from_rgb};
-
-/// First colour frame of a recording, 640 x 480.
-fn recorded_frame() -> Option<GrayImage> {
-    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data/kitchen_static/rgb"));
-    let Ok(entries) = std::fs::read_dir(folder) else {
-        eprintln!("skipped: no recording at {}", folder.display());
-        return None;
-    };
-    let mut files: Vec<_> = entries.map(|entry| entry.unwrap().path()).collect();
-    files.sort();
-    let bytes = std::fs::read(&files[0]).unwrap();
-    let mut decoder = zune_jpeg::JpegDecoder::new(zune_core::bytestream::ZCursor::new(&bytes));
-    let rgb = decoder.decode().unwrap();
-    let (width, height) = decoder.dimensions().unwrap();
-    Some(gray_from_rgb(&rgb, width, height).unwrap())
-}
+use common::recorded_frames;
+use slam_vision::{Kernels, OrbConfig, OrbExtractor, PlaceIndex, Workspace};
 
 #[test]
 fn a_recorded_frame_gives_a_thousand_spread_features() {
-    let Some(gray) = recorded_frame() else { return };
-    let features = OrbExtractor::new(&OrbConfig::default()).unwrap().extract(&gray);
+    let frames = recorded_frames("kitchen_static", 0, 1_000_000);
+    let Some(gray) = frames.first() else { return };
+    let features = OrbExtractor::new(&OrbConfig::default()).unwrap().extract(gray);
     assert!((950..=1000).contains(&features.len()), "{} features", features.len());
 
     // Corners are where texture is, but a kitchen has some nearly everywhere.
@@ -31,13 +17,32 @@ fn a_recorded_frame_gives_a_thousand_spread_features() {
     for [x, y] in &features.pixel {
         filled[*x as usize * 8 / gray.width + (*y as usize * 6 / gray.height) * 8] = true;
     }
-    let filled = filled.iter().filter(|&&cell| cell).count();
-    eprintln!("{} features, {filled} of 48 blocks filled", features.len());
+    let filled = filled.iter().filter(|&&block| block).count();
     assert!(filled >= 36, "{filled} of 48 blocks have features");
     for octave in 0..8 {
         assert!(features.octave.contains(&octave), "no features at octave {octave}");
     }
 
     let scalar = OrbExtractor::with_kernels(&OrbConfig::default(), Kernels::scalar()).unwrap();
-    assert_eq!(scalar.extract(&gray), features);
+    assert_eq!(scalar.extract(gray), features);
+}
+
+#[test]
+fn the_place_index_finds_the_neighbours_of_a_recorded_frame() {
+    let extractor = OrbExtractor::new(&OrbConfig::default()).unwrap();
+    let mut workspace = Workspace::default();
+    let mut index = PlaceIndex::new();
+    for (id, gray) in recorded_frames("kitchen_static", 0, 10).iter().enumerate() {
+        index.add(id as u32, &extractor.extract_with(gray, &mut workspace).descriptor);
+    }
+    let queries = recorded_frames("kitchen_static", 5, 30);
+    let mut misses = 0;
+    for (k, gray) in queries.iter().enumerate() {
+        let found = index.query(&extractor.extract_with(gray, &mut workspace).descriptor, 3);
+        // Frame 5 + 30 k lies half-way between stored frames 3 k and 3 k + 1.
+        let (id, votes) = found[0];
+        eprintln!("query {k}: {found:?}");
+        misses += usize::from(id.abs_diff(3 * k as u32) > 2 || votes < 50);
+    }
+    assert!(misses * 10 <= queries.len(), "{misses} of {} queries led elsewhere", queries.len());
 }

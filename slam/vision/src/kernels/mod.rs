@@ -5,6 +5,8 @@ mod bits;
 mod fast;
 mod filter;
 mod patch;
+#[cfg(test)]
+mod tests;
 
 pub(crate) use filter::Bilinear;
 pub(crate) use patch::{Moments, PATCH_MARGIN};
