@@ -8,7 +8,7 @@ use super::relative::relative_error;
 use super::{DeltaUnit, EvalError, RpeOptions, RpeResult, StampedPose, Statistics, Trajectory, associate};
 
 /// How the estimate is moved onto the truth before they are compared.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Alignment {
     /// Best rotation and translation: the usual choice when depth gives the scale.
