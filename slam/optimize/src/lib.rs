@@ -1,1 +1,32 @@
-//! To be written.
+//! Estimation from geometry: robust non-linear least squares and RANSAC. No map, no images, no I/O.
+//!
+//! * [`camera`]: the stereo-type pinhole measurement that a depth camera gives, its residual and derivatives.
+//! * [`robust`]: kernels that bound what one bad measurement can do.
+//! * [`pose`]: pose of one camera from known points.
+//! * [`bundle`]: poses and points together, by the Schur complement over the points.
+//! * [`triangulate()`]: a point from two rays.
+//! * [`absolute`]: rigid motion between two point clouds with outliers.
+//! * [`fundamental`]: two-view epipolar geometry with outliers.
+//!
+//! Conventions: metres, radians, undistorted pixels; poses are `camera_from_world`, perturbed from the left,
+//! `exp(delta) * camera_from_world`, with `delta = [translation, rotation]`. Costs are sums of squared normalised residuals
+//! (chi-square values), without a factor one half. Budgets are counts, sums have a fixed order: results have the same bits
+//! on every CPU and for any number of threads. A number that is not finite or a point behind the camera makes its own
+//! observation an outlier and touches nothing else.
+
+pub mod absolute;
+pub mod bundle;
+pub mod camera;
+pub mod fundamental;
+mod levenberg;
+pub mod pose;
+mod ransac;
+pub mod robust;
+pub mod triangulate;
+
+pub use absolute::{AbsoluteOptions, absolute_orientation_ransac};
+pub use bundle::{BaObservation, BaOptions, BaPose, BaProblem, BaReport, bundle_adjust};
+pub use camera::{Measurement, Pinhole};
+pub use fundamental::{Fundamental, FundamentalOptions, epipolar_distance, fundamental_ransac, sampson_distance};
+pub use pose::{PoseObservation, PoseOptions, PoseResult, optimize_pose};
+pub use triangulate::triangulate;

@@ -1,0 +1,102 @@
+//! The problem's structure in canonical order: observations by (point, pose), edges between points and poses, free poses.
+
+use std::cmp::Ordering;
+use std::ops::Range;
+
+use super::{BaObservation, BaProblem};
+use crate::camera::Measurement;
+
+/// Points a work item; constant, so that no sum depends on the number of threads.
+const CHUNK: usize = 64;
+
+/// A point and a pose that are tied by one observation, or by several.
+pub(super) struct Edge {
+    pub point: usize,
+    pub pose: usize,
+    /// Number of the pose among the free ones.
+    pub free: Option<usize>,
+    pub observations: Range<usize>,
+}
+
+pub(super) struct Layout {
+    /// Usable observations by (point, pose), and their index in the input.
+    pub observations: Vec<(usize, Measurement)>,
+    /// By (point, pose).
+    pub edges: Vec<Edge>,
+    /// Edges of each point.
+    pub edges_of_point: Vec<Range<usize>>,
+    /// Index of each free pose, ascending.
+    pub free_poses: Vec<usize>,
+    /// Edges of each free pose, ascending, that is by point.
+    pub edges_of_free: Vec<Vec<usize>>,
+    /// Work items: consecutive points.
+    pub chunks: Vec<Range<usize>>,
+}
+
+impl Layout {
+    pub fn new(problem: &BaProblem) -> Self {
+        let free_poses = free_poses(problem);
+        let mut free_of = vec![None; problem.poses.len()];
+        for (free, &pose) in free_poses.iter().enumerate() {
+            free_of[pose] = Some(free);
+        }
+        let sorted = sorted_observations(problem);
+        let mut edges: Vec<Edge> = Vec::new();
+        for (at, (_, o)) in sorted.iter().enumerate() {
+            let (point, pose) = (o.point as usize, o.pose as usize);
+            match edges.last_mut() {
+                Some(edge) if (edge.point, edge.pose) == (point, pose) => edge.observations.end = at + 1,
+                _ => edges.push(Edge { point, pose, free: free_of[pose], observations: at..at + 1 }),
+            }
+        }
+        let mut edges_of_point = vec![0..0; problem.points.len()];
+        let mut edges_of_free = vec![Vec::new(); free_poses.len()];
+        let mut end = 0;
+        for (point, range) in edges_of_point.iter_mut().enumerate() {
+            let start = end;
+            while end < edges.len() && edges[end].point == point {
+                if let Some(free) = edges[end].free {
+                    edges_of_free[free].push(end);
+                }
+                end += 1;
+            }
+            *range = start..end;
+        }
+        let n = problem.points.len();
+        let chunks = (0..n).step_by(CHUNK).map(|start| start..usize::min(start + CHUNK, n)).collect();
+        let observations = sorted.into_iter().map(|(index, o)| (index, o.measurement)).collect();
+        Self { observations, edges, edges_of_point, free_poses, edges_of_free, chunks }
+    }
+
+    pub fn chunk_of(point: usize) -> usize {
+        point / CHUNK
+    }
+
+    /// Edges of the points of a chunk: consecutive.
+    pub fn edges_of_chunk(&self, points: &Range<usize>) -> Range<usize> {
+        self.edges_of_point[points.start].start..self.edges_of_point[points.end - 1].end
+    }
+}
+
+fn free_poses(problem: &BaProblem) -> Vec<usize> {
+    let any_fixed = problem.poses.iter().any(|p| p.fixed);
+    (0..problem.poses.len()).filter(|&i| !problem.poses[i].fixed && (any_fixed || i > 0)).collect()
+}
+
+fn sorted_observations(problem: &BaProblem) -> Vec<(usize, BaObservation)> {
+    let exists =
+        |o: &BaObservation| (o.pose as usize) < problem.poses.len() && (o.point as usize) < problem.points.len();
+    let usable = problem.observations.iter().copied().enumerate();
+    let mut sorted: Vec<_> = usable.filter(|(_, o)| exists(o) && o.measurement.is_usable()).collect();
+    sorted.sort_by(|(_, a), (_, b)| {
+        (a.point, a.pose).cmp(&(b.point, b.pose)).then_with(|| by_numbers(&a.measurement, &b.measurement))
+    });
+    sorted
+}
+
+/// Orders two observations of the same point by the same camera, so that the input's order never matters.
+fn by_numbers(a: &Measurement, b: &Measurement) -> Ordering {
+    let key = |m: &Measurement| [m.pixel[0], m.pixel[1], m.u_right.unwrap_or(f64::NAN), m.weight, m.weight_right];
+    let (a, b) = (key(a), key(b));
+    a.iter().zip(&b).map(|(a, b)| a.total_cmp(b)).find(|o| o.is_ne()).unwrap_or(Ordering::Equal)
+}
