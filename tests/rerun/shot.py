@@ -50,10 +50,15 @@ def main() -> int:
         target.write_bytes(viewer.take_screenshot())
         for number, view in enumerate(state.views):
             name = re.sub(r"[^A-Za-z0-9]+", "-", view.name or view.view_class)
-            if view.visible:
+            try:
                 picture = viewer.take_screenshot(view_id=view.view_id)
                 target.with_suffix(f".{number}-{name}.png").write_bytes(picture)
-            print(f"{number} {view.view_class:<14} {view.name or '':<24} {'shown' if view.visible else 'hidden'}")
+                status = "shown"
+            except ConnectionError as error:  # a view behind another tab
+                if "not found" not in str(error):
+                    raise
+                status = "behind a tab"
+            print(f"{number} {view.view_class:<14} {view.name or '':<24} {status}")
             for report in view.reports:
                 print(f"  report: {report}")
     if not state.views:

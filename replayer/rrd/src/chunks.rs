@@ -91,6 +91,6 @@ fn build(ids: &mut Ids, entity: &str, rows: Vec<Row>) -> Result<ArrowMsg, RrdErr
     for row in rows {
         builder = builder.with_serialized_batches(row.id, row.time, row.components);
     }
-    let chunk = builder.build().map_err(|e| RrdError::encode(entity, e))?;
-    chunk.to_arrow_msg().map_err(|e| RrdError::encode(entity, e))
+    let chunk = builder.build().map_err(|e| RrdError::encode(entity, &e))?;
+    chunk.to_arrow_msg().map_err(|e| RrdError::encode(entity, &e))
 }

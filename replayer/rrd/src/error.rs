@@ -54,7 +54,7 @@ pub enum RrdError {
 
 impl RrdError {
     /// Wraps an encoder's error, which is flattened to text so that the encoder's types stay inside this crate.
-    pub(crate) fn encode(entity: &str, reason: impl ToString) -> Self {
+    pub(crate) fn encode(entity: &str, reason: &dyn std::fmt::Display) -> Self {
         Self::Encode { entity: entity.to_owned(), reason: reason.to_string() }
     }
 }

@@ -18,9 +18,9 @@
 //! # }
 //! ```
 //!
-//! Conventions: entity paths are slash-separated (`/world/camera`); colours are sRGB with straight alpha; every log call
-//! replaces all that the entity showed before, so nothing stale remains. Files open in viewers 0.36 and newer;
-//! `rerun rrd verify` needs `--check-footers=false`.
+//! Conventions: entity paths are slash-separated (`/world/camera`); colours are sRGB with straight alpha. A log call
+//! replaces the items the entity showed before; optional fields left empty keep what they were, so give an entity the
+//! same fields each time. Files open in viewers 0.36 and newer; `rerun rrd verify` needs `--check-footers=false`.
 
 mod blueprint;
 mod chunks;

@@ -76,17 +76,17 @@ impl RrdWriter {
         let file = File::create(&partial).map_err(|source| RrdError::Io { path: partial.clone(), source })?;
         let mut encoder =
             Encoder::new_eager(CrateVersion::LOCAL, EncodingOptions::PROTOBUF_COMPRESSED, BufWriter::new(file))
-                .map_err(|e| RrdError::encode("header", e))?;
+                .map_err(|e| RrdError::encode("header", &e))?;
         // The footer is the one part whose bytes come out of a hash map. Viewers open the file without it.
         encoder.do_not_emit_footer();
-        let application = ApplicationId::try_new(application_id).map_err(|e| RrdError::encode("application id", e))?;
+        let application = ApplicationId::try_new(application_id).map_err(|e| RrdError::encode("application id", &e))?;
         let recording = StoreId::new(StoreKind::Recording, application, recording_id.to_owned());
         let mut writer = Self { encoder, ids: Ids::default(), chunks: Chunks::default(), recording, path, partial };
         writer.open_store(writer.recording.clone())?;
         Ok(writer)
     }
 
-    /// Shows `content` at `entity` from `at` on, in place of what the entity showed before.
+    /// Shows `content` at `entity` from `at` on, in place of the items the entity showed before.
     ///
     /// # Errors
     /// [`RrdError::Length`] when arrays of `content` do not fit together; [`RrdError::Encode`] when writing fails.
@@ -129,8 +129,8 @@ impl RrdWriter {
         for chunk in self.chunks.drain(&mut self.ids)? {
             self.append("recording", &LogMsg::ArrowMsg(self.recording.clone(), chunk))?;
         }
-        self.encoder.finish().map_err(|e| RrdError::encode("end of file", e))?;
-        let mut file = self.encoder.into_inner().map_err(|e| RrdError::encode("end of file", e))?;
+        self.encoder.finish().map_err(|e| RrdError::encode("end of file", &e))?;
+        let mut file = self.encoder.into_inner().map_err(|e| RrdError::encode("end of file", &e))?;
         file.flush()
             .and_then(|()| file.get_ref().sync_all())
             .map_err(|source| RrdError::Io { path: self.partial.clone(), source })?;
@@ -145,6 +145,6 @@ impl RrdWriter {
     }
 
     fn append(&mut self, entity: &str, message: &LogMsg) -> Result<(), RrdError> {
-        self.encoder.append(message).map(|_| ()).map_err(|e| RrdError::encode(entity, e))
+        self.encoder.append(message).map(|_| ()).map_err(|e| RrdError::encode(entity, &e))
     }
 }

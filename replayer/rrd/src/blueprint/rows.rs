@@ -8,6 +8,9 @@ use re_sdk_types::{AsComponents, SerializedComponentBatch, components, datatypes
 use super::{Blueprint, Container, Layout, Node, Panel, View, ViewKind};
 use crate::RrdError;
 
+/// Behind 3D scenes: points and thin lines read best on a plain dark ground, and versions of the viewer differ in theirs.
+const BACKGROUND: [u8; 3] = [13, 15, 20];
+
 /// One entity of the blueprint store and its components.
 type Row = (String, Vec<SerializedComponentBatch>);
 
@@ -131,6 +134,9 @@ impl Rows {
     fn options(&mut self, path: &str, kind: &ViewKind) {
         match kind {
             ViewKind::Spatial3d(options) => {
+                let background = archetypes::Background::new(bp::BackgroundKind::SolidColor)
+                    .with_color(datatypes::Rgba32::from_rgb(BACKGROUND[0], BACKGROUND[1], BACKGROUND[2]));
+                self.add(&format!("{path}/Background"), &background);
                 self.add(&format!("{path}/LineGrid3D"), &archetypes::LineGrid3D::new().with_visible(options.grid));
                 if let Some(eye) = &options.eye {
                     let controls = archetypes::EyeControls3D::new()

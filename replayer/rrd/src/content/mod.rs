@@ -47,9 +47,11 @@ pub(crate) mod sealed {
     }
 }
 
-/// Columns of an archetype.
+/// Columns of an archetype. Empty ones are left out except the first, the items themselves: an empty column is not a
+/// missing one to the viewer (an empty colour column hides the colours of the classes).
 fn serialized(archetype: &dyn re_sdk_types::AsComponents) -> Vec<SerializedComponentBatch> {
-    archetype.as_serialized_batches()
+    let columns = archetype.as_serialized_batches();
+    columns.into_iter().enumerate().filter(|(i, column)| *i == 0 || !column.array.is_empty()).map(|(_, c)| c).collect()
 }
 
 fn color(rgba: &Rgba) -> components::Color {

@@ -30,7 +30,7 @@ impl sealed::Components for Points2d<'_> {
         check_len(entity, "class ids", self.class_ids.len(), n)?;
         check_len(entity, "radii", self.radii.len(), n)?;
         check_len(entity, "labels", self.labels.len(), n)?;
-        let mut points = archetypes::Points2D::clear_fields()
+        let mut points = archetypes::Points2D::update_fields()
             .with_positions(self.positions.iter().copied())
             .with_colors(self.colors.iter().map(color))
             .with_class_ids(self.class_ids.iter().copied())
@@ -67,7 +67,7 @@ impl sealed::Components for Boxes2d<'_> {
         check_len(entity, "class ids", self.class_ids.len(), n)?;
         check_len(entity, "colours", self.colors.len(), n)?;
         check_len(entity, "radii", self.radii.len(), n)?;
-        let mut boxes = archetypes::Boxes2D::clear_fields()
+        let mut boxes = archetypes::Boxes2D::update_fields()
             .with_centers(self.boxes.iter().map(|[x, y, w, h]| [x + w / 2.0, y + h / 2.0]))
             .with_half_sizes(self.boxes.iter().map(|[_, _, w, h]| [w / 2.0, h / 2.0]))
             .with_labels(self.labels.iter().map(String::as_str))
@@ -99,7 +99,7 @@ impl sealed::Components for Lines2d<'_> {
     fn components(&self, entity: &str) -> Result<Vec<SerializedComponentBatch>, RrdError> {
         check_len(entity, "colours", self.colors.len(), self.strips.len())?;
         check_len(entity, "radii", self.radii.len(), self.strips.len())?;
-        let mut lines = archetypes::LineStrips2D::clear_fields()
+        let mut lines = archetypes::LineStrips2D::update_fields()
             .with_strips(self.strips.iter().map(|strip| strip.iter().copied()))
             .with_colors(self.colors.iter().map(color))
             .with_radii(self.radii.iter().map(radius));

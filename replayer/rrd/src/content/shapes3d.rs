@@ -28,7 +28,7 @@ impl sealed::Components for Points3d<'_> {
         check_len(entity, "class ids", self.class_ids.len(), n)?;
         check_len(entity, "radii", self.radii.len(), n)?;
         check_len(entity, "labels", self.labels.len(), n)?;
-        let points = archetypes::Points3D::clear_fields()
+        let points = archetypes::Points3D::update_fields()
             .with_positions(self.positions.iter().copied())
             .with_colors(self.colors.iter().map(color))
             .with_class_ids(self.class_ids.iter().copied())
@@ -53,7 +53,7 @@ impl sealed::Components for Lines3d<'_> {
     fn components(&self, entity: &str) -> Result<Vec<SerializedComponentBatch>, RrdError> {
         check_len(entity, "colours", self.colors.len(), self.strips.len())?;
         check_len(entity, "radii", self.radii.len(), self.strips.len())?;
-        let lines = archetypes::LineStrips3D::clear_fields()
+        let lines = archetypes::LineStrips3D::update_fields()
             .with_strips(self.strips.iter().map(|strip| strip.iter().copied()))
             .with_colors(self.colors.iter().map(color))
             .with_radii(self.radii.iter().map(radius));
