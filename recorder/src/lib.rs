@@ -1,1 +1,15 @@
-//! To be written.
+//! Everything that writes a log.
+//!
+//! - [`LogWriter`]: one MCAP file, crash-safe and byte for byte reproducible.
+//! - [`RgbdLog`]: the same with the project's topics and metadata for a colour-depth camera: what importers, renderers
+//!   and sensors write through.
+//! - [`import`]: data set folders to logs.
+//! - [`picture`]: PNG and JPEG files at the border of a log.
+
+pub mod import;
+mod log_writer;
+pub mod picture;
+mod rgbd;
+
+pub use log_writer::{ChannelId, LogOptions, LogWriter, WriteError};
+pub use rgbd::{LayerSpec, Mask, RgbdLog, RgbdSpec};

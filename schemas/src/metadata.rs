@@ -15,14 +15,15 @@ pub const CONVENTIONS: &str = "pslam/conventions";
 pub const DEPTH: &str = "pslam/depth";
 /// Key of [`DEPTH`] and of the depth channel's metadata: pixel value of one metre, exact decimal text (`5000`, `1000`).
 pub const DEPTH_UNITS_PER_METRE: &str = "units_per_metre";
-/// Colour-depth pairing. Keys: [`TOLERANCE_NS`], `rule`, `paired`, `unpaired_color`, `unpaired_depth`, `largest_gap_ns`.
-/// A reader pairs again with [`crate::pairing::associate`] and this tolerance.
+/// Colour-depth pairing. Keys: [`TOLERANCE_NS`], `rule`. All pictures are in the log, also those without a partner: a
+/// reader pairs them with [`crate::pairing::associate`] and this tolerance.
 pub const PAIRING: &str = "pslam/pairing";
 /// Key of [`PAIRING`]: whole nanoseconds as text.
 pub const TOLERANCE_NS: &str = "tolerance_ns";
 /// A segmentation layer is described under this prefix and its name. Keys: `origin`, `void`, `class_encoding`.
 pub const SEGMENTATION_PREFIX: &str = "pslam/segmentation/";
-/// What an importer repaired or left out, written at the end. One key a kind of repair, with its count.
+/// What an importer found, written at the end. Keys: `paired`, `unpaired_color`, `unpaired_depth`, `largest_gap_ns`
+/// (largest distance within a pair), `camera` (origin of the calibration), and one key a kind of repair with its count.
 pub const IMPORT: &str = "pslam/import";
 /// Written by `recover`: what the damaged file had lost.
 pub const RECOVERY: &str = "pslam/recovery";

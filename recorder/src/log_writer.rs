@@ -1,0 +1,316 @@
+//! One log file. Bytes depend on the calls alone: every option of the container is pinned here.
+
+use mcap::records::{MessageHeader, Metadata};
+use mcap::write::NoSeek;
+use mcap::{Attachment, Compression, WriteOptions, Writer};
+use schemas::{Message, Stamp, metadata, topics};
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write as _};
+use std::path::{Path, PathBuf};
+
+/// Fixed, so that the same content gives the same bytes whatever the version of the container library.
+const LIBRARY: &str = "panoptic-slam";
+const CHUNK_BYTES: u64 = 1 << 20;
+const COMPRESSION_LEVEL: u32 = 1;
+
+/// How to write a log.
+#[derive(Debug, Clone)]
+pub struct LogOptions {
+    /// Replace an existing file.
+    pub force: bool,
+    /// Longest stretch of log time that a crash may lose, see [`LogWriter::flush_if_due`]; nanoseconds.
+    pub flush_interval_ns: u64,
+}
+
+impl Default for LogOptions {
+    fn default() -> Self {
+        Self { force: false, flush_interval_ns: 1_000_000_000 }
+    }
+}
+
+/// Why a log cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum WriteError {
+    /// Something stands at the target already.
+    #[error("{} exists already: choose another name or ask to overwrite it", .0.display())]
+    Exists(PathBuf),
+    /// An earlier writer did not finish.
+    #[error("{} is what an interrupted writer left: recover it, or ask to overwrite it", .0.display())]
+    Unfinished(PathBuf),
+    /// The file system refuses.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// Its answer.
+        source: io::Error,
+    },
+    /// The container library refuses.
+    #[error("{}: {source}", path.display())]
+    Container {
+        /// The file.
+        path: PathBuf,
+        /// Its answer.
+        source: mcap::McapError,
+    },
+    /// A message older than the one before it.
+    #[error("message on {topic} at {stamp} s comes after one at {last} s: logs are written in order of time")]
+    OutOfOrder {
+        /// Topic of the message.
+        topic: String,
+        /// Its stamp.
+        stamp: Stamp,
+        /// Stamp of the message before it.
+        last: Stamp,
+    },
+    /// A stamp that log or ROS time cannot hold.
+    #[error("{0}")]
+    Stamp(#[from] schemas::StampError),
+    /// A message type other than the one that the topic carries.
+    #[error("topic {topic} carries {wanted}, not {found}")]
+    Type {
+        /// The topic.
+        topic: String,
+        /// Type that it carries.
+        wanted: &'static str,
+        /// Type of the message.
+        found: &'static str,
+    },
+    /// Pixels that do not fit the camera.
+    #[error("{what} at {stamp} s has {found} pixels, the camera has {width}x{height}")]
+    Pixels {
+        /// Which image.
+        what: &'static str,
+        /// Its stamp.
+        stamp: Stamp,
+        /// Its pixel count.
+        found: usize,
+        /// Columns of the camera.
+        width: u32,
+        /// Rows of the camera.
+        height: u32,
+    },
+    /// A specification that contradicts the conventions.
+    #[error("{0}")]
+    Invalid(String),
+}
+
+/// A channel of an open log.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct ChannelId(u16);
+
+/// An open log. Until [`LogWriter::finish`] it stands under `NAME.partial`; what was flushed survives a crash there.
+pub struct LogWriter {
+    writer: Writer<NoSeek<BufWriter<File>>>,
+    file: File,
+    path: PathBuf,
+    partial: PathBuf,
+    channels: BTreeMap<String, ChannelId>,
+    next_sequence: BTreeMap<ChannelId, u32>,
+    last_stamp: Option<Stamp>,
+    last_flush: Option<Stamp>,
+    flush_interval_ns: u64,
+}
+
+impl LogWriter {
+    /// Starts a log that will stand at `path`.
+    ///
+    /// # Errors
+    /// Something stands there (and `force` is off), or the file system refuses.
+    pub fn create(path: &Path, options: &LogOptions) -> Result<Self, WriteError> {
+        let partial = partial_path(path);
+        if !options.force {
+            if path.exists() {
+                return Err(WriteError::Exists(path.to_owned()));
+            }
+            if partial.exists() {
+                return Err(WriteError::Unfinished(partial));
+            }
+        }
+        let io_error = |source| WriteError::Io { path: partial.clone(), source };
+        let file = File::create(&partial).map_err(io_error)?;
+        let handle = file.try_clone().map_err(io_error)?;
+        let writer = WriteOptions::new()
+            .profile("ros2")
+            .library(LIBRARY)
+            .compression(Some(Compression::Zstd))
+            .compression_level(COMPRESSION_LEVEL)
+            .compression_threads(0)
+            .chunk_size(Some(CHUNK_BYTES))
+            .disable_seeking(true)
+            .create(NoSeek::new(BufWriter::new(file)))
+            .map_err(|source| WriteError::Container { path: partial.clone(), source })?;
+        Ok(Self {
+            writer,
+            file: handle,
+            path: path.to_owned(),
+            partial,
+            channels: BTreeMap::new(),
+            next_sequence: BTreeMap::new(),
+            last_stamp: None,
+            last_flush: None,
+            flush_interval_ns: options.flush_interval_ns,
+        })
+    }
+
+    /// Opens a topic with metadata of its own, before the first message on it.
+    ///
+    /// # Errors
+    /// The topic carries another type by [`topics::schema_name`], or the file system refuses.
+    pub fn open_topic<'a, M: Message<'a>>(
+        &mut self,
+        topic: &str,
+        mut extra: BTreeMap<String, String>,
+    ) -> Result<ChannelId, WriteError> {
+        if let Some(id) = self.channels.get(topic) {
+            return Ok(*id);
+        }
+        match topics::schema_name(topic) {
+            Some(wanted) if wanted != M::SCHEMA_NAME => {
+                return Err(WriteError::Type { topic: topic.to_owned(), wanted, found: M::SCHEMA_NAME });
+            }
+            _ => {}
+        }
+        extra.insert("offered_qos_profiles".to_owned(), String::new());
+        let schema =
+            RawSchema { name: M::SCHEMA_NAME, encoding: "ros2msg", data: M::schema_text().as_bytes() }.id(self)?;
+        let id = self.add_channel(schema, topic, "cdr", &extra)?;
+        self.channels.insert(topic.to_owned(), id);
+        Ok(id)
+    }
+
+    /// Appends a message; its log time and publish time are `stamp`.
+    ///
+    /// # Errors
+    /// A stamp before the last message's or below zero, a wrong type for the topic, or the file system refuses.
+    pub fn write<'a, M: Message<'a>>(&mut self, topic: &str, stamp: Stamp, message: &M) -> Result<(), WriteError> {
+        if let Some(last) = self.last_stamp.filter(|last| stamp < *last) {
+            return Err(WriteError::OutOfOrder { topic: topic.to_owned(), stamp, last });
+        }
+        let log_time = u64::try_from(stamp.0).map_err(|_| schemas::StampError::NotRosTime(stamp.0))?;
+        let channel = self.open_topic::<M>(topic, BTreeMap::new())?;
+        let next = self.next_sequence.entry(channel).or_insert(0);
+        let sequence = *next;
+        *next = sequence.wrapping_add(1);
+        self.write_raw(channel, sequence, log_time, log_time, &message.encode())?;
+        self.last_stamp = Some(stamp);
+        Ok(())
+    }
+
+    /// Closes the chunk and brings it to the disk if `now` is a flush interval after the last time. Importers pass the
+    /// stamp of the message they write; a live recorder passes its clock's.
+    ///
+    /// # Errors
+    /// The file system refuses.
+    pub fn flush_if_due(&mut self, now: Stamp) -> Result<(), WriteError> {
+        let last = *self.last_flush.get_or_insert(now);
+        if now.abs_diff(last) >= self.flush_interval_ns {
+            self.last_flush = Some(now);
+            self.flush()?;
+        }
+        Ok(())
+    }
+
+    /// Closes the chunk and brings everything written so far to the disk.
+    ///
+    /// # Errors
+    /// The file system refuses.
+    pub fn flush(&mut self) -> Result<(), WriteError> {
+        self.writer.flush().map_err(|source| WriteError::Container { path: self.partial.clone(), source })?;
+        self.file.sync_data().map_err(|source| WriteError::Io { path: self.partial.clone(), source })
+    }
+
+    /// Appends a metadata record with its checksum ([`metadata::seal`]). Closes the current chunk.
+    ///
+    /// # Errors
+    /// The file system refuses.
+    pub fn metadata(&mut self, name: &str, values: BTreeMap<String, String>) -> Result<(), WriteError> {
+        let record = Metadata { name: name.to_owned(), metadata: metadata::seal(name, values) };
+        self.writer.write_metadata(&record).map_err(|source| self.container_error(source))
+    }
+
+    /// Appends a file. `stamp` is its time in the container (the log's own time, never the wall clock's).
+    ///
+    /// # Errors
+    /// The file system refuses.
+    pub fn attach(&mut self, name: &str, media_type: &str, stamp: Stamp, data: &[u8]) -> Result<(), WriteError> {
+        let time = u64::try_from(stamp.0).map_err(|_| schemas::StampError::NotRosTime(stamp.0))?;
+        let (name, media_type) = (name.to_owned(), media_type.to_owned());
+        let attachment = Attachment { log_time: time, create_time: time, name, media_type, data: Cow::Borrowed(data) };
+        self.writer.attach(&attachment).map_err(|source| self.container_error(source))
+    }
+
+    /// Closes the log: writes the index, brings all to the disk, gives the file its name. Returns its size in bytes.
+    ///
+    /// # Errors
+    /// The file system refuses; the `.partial` file then stays for `recover`.
+    pub fn finish(self) -> Result<u64, WriteError> {
+        let Self { mut writer, file, path, partial, .. } = self;
+        let io_error = |source| WriteError::Io { path: partial.clone(), source };
+        writer.finish().map_err(|source| WriteError::Container { path: partial.clone(), source })?;
+        writer.into_inner().into_inner().flush().map_err(io_error)?;
+        file.sync_all().map_err(io_error)?;
+        let bytes = file.metadata().map_err(io_error)?.len();
+        fs::rename(&partial, &path).map_err(io_error)?;
+        Ok(bytes)
+    }
+
+    /// Gives up: removes the unfinished file. For importers, whose source still stands.
+    pub fn discard(self) {
+        let partial = self.partial.clone();
+        drop(self);
+        // The file may be gone already; nothing else depends on it.
+        let _ = fs::remove_file(partial);
+    }
+
+    pub(crate) fn add_channel(
+        &mut self,
+        schema: u16,
+        topic: &str,
+        encoding: &str,
+        values: &BTreeMap<String, String>,
+    ) -> Result<ChannelId, WriteError> {
+        let id = self.writer.add_channel(schema, topic, encoding, values);
+        id.map(ChannelId).map_err(|source| self.container_error(source))
+    }
+
+    pub(crate) fn write_raw(
+        &mut self,
+        channel: ChannelId,
+        sequence: u32,
+        log_time: u64,
+        publish_time: u64,
+        data: &[u8],
+    ) -> Result<(), WriteError> {
+        let header = MessageHeader { channel_id: channel.0, sequence, log_time, publish_time };
+        self.writer.write_to_known_channel(&header, data).map_err(|source| self.container_error(source))
+    }
+
+    fn container_error(&self, source: mcap::McapError) -> WriteError {
+        WriteError::Container { path: self.partial.clone(), source }
+    }
+}
+
+/// A schema as it stands in a file.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct RawSchema<'a> {
+    pub name: &'a str,
+    pub encoding: &'a str,
+    pub data: &'a [u8],
+}
+
+impl RawSchema<'_> {
+    pub(crate) fn id(self, log: &mut LogWriter) -> Result<u16, WriteError> {
+        let id = log.writer.add_schema(self.name, self.encoding, self.data);
+        id.map_err(|source| log.container_error(source))
+    }
+}
+
+/// `NAME.partial` beside `NAME`.
+fn partial_path(path: &Path) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".partial");
+    PathBuf::from(name)
+}

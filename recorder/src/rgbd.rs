@@ -1,0 +1,275 @@
+//! A log of a colour-depth camera: the project's topics, frames and metadata in one place for every writer.
+
+use crate::log_writer::{LogOptions, LogWriter, WriteError};
+use schemas::calibration::CameraModel;
+use schemas::msg::{
+    CameraInfo, Category, CategoryTable, CompressedImage, Header, Image, Point, Pose, PoseStamped, Quaternion, Segment,
+    SegmentTable, TFMessage, Transform, TransformStamped, Vector3, encoding,
+};
+use schemas::topics::{self, LayerTopics, frame};
+use schemas::{Stamp, metadata, pairing, panoptic};
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// What holds for a whole log.
+#[derive(Debug, Clone)]
+pub struct RgbdSpec {
+    /// Kind of source: `tum`, `synthetic`, ...
+    pub kind: String,
+    /// Name of the sequence.
+    pub name: String,
+    /// Version of the writing program, as `pslam 0.1.0`.
+    pub program: String,
+    /// The colour camera; depth is registered to it.
+    pub camera: CameraModel,
+    /// Depth value of one metre, exact decimal text (`5000`, `1000`).
+    pub depth_units_per_metre: String,
+    /// Colour and depth closer than this are one frame, see [`pairing::associate`].
+    pub tolerance_ns: u64,
+    /// Segmentation layers.
+    pub layers: Vec<LayerSpec>,
+}
+
+impl RgbdSpec {
+    /// A spec with the field's defaults: depth 5000 per metre, 20 ms, no segmentation.
+    #[must_use]
+    pub fn new(kind: &str, name: &str, camera: CameraModel) -> Self {
+        Self {
+            kind: kind.to_owned(),
+            name: name.to_owned(),
+            program: concat!("pslam ", env!("CARGO_PKG_VERSION")).to_owned(),
+            camera,
+            depth_units_per_metre: "5000".to_owned(),
+            tolerance_ns: pairing::DEFAULT_TOLERANCE_NS,
+            layers: Vec::new(),
+        }
+    }
+}
+
+/// A segmentation layer.
+#[derive(Debug, Clone)]
+pub struct LayerSpec {
+    /// Name in the topics, usually [`topics::DEFAULT_LAYER`].
+    pub name: String,
+    /// Where the labels come from, in words (network and weights, or data set).
+    pub origin: String,
+    /// All categories; ids above 0, each once. Written in ascending order.
+    pub categories: Vec<Category>,
+}
+
+/// Labels of one picture, rows joined; see [`panoptic`] for void.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mask {
+    /// Category id a pixel, 0 = void.
+    pub class: Vec<u16>,
+    /// Segment id a pixel, 0 = void.
+    pub instance: Vec<u16>,
+    /// The segments, ids ascending.
+    pub segments: Vec<Segment>,
+}
+
+struct Layer {
+    topics: LayerTopics,
+    name: String,
+    categories: Vec<Category>,
+    announced: bool,
+}
+
+impl Layer {
+    /// `mono8` as long as every class id fits.
+    fn class_encoding(&self) -> &'static str {
+        if self.categories.iter().all(|c| c.id <= u16::from(u8::MAX)) { encoding::MONO8 } else { encoding::MONO16 }
+    }
+}
+
+/// An open log of a colour-depth camera. Calls come in order of their stamps.
+pub struct RgbdLog {
+    log: LogWriter,
+    camera: CameraModel,
+    layers: Vec<Layer>,
+}
+
+impl RgbdLog {
+    /// Starts the log and writes what holds for all of it.
+    ///
+    /// # Errors
+    /// An impossible spec, an existing file, or the file system refuses.
+    pub fn create(path: &Path, options: &LogOptions, spec: &RgbdSpec) -> Result<Self, WriteError> {
+        let camera = spec.camera.validated().map_err(|error| WriteError::Invalid(error.to_string()))?;
+        check_units(&spec.depth_units_per_metre)?;
+        let layers = spec.layers.iter().map(check_layer).collect::<Result<Vec<_>, _>>()?;
+        let mut log = LogWriter::create(path, options)?;
+        write_spec(&mut log, spec, &layers)?;
+        let units = (metadata::DEPTH_UNITS_PER_METRE.to_owned(), spec.depth_units_per_metre.clone());
+        log.open_topic::<Image<'_>>(topics::DEPTH, BTreeMap::from([units]))?;
+        Ok(Self { log, camera, layers })
+    }
+
+    /// A ground-truth pose, `world_from_camera`: metres and a quaternion x, y, z, w.
+    ///
+    /// # Errors
+    /// See [`LogWriter::write`].
+    pub fn ground_truth(&mut self, stamp: Stamp, t: [f64; 3], q: [f64; 4]) -> Result<(), WriteError> {
+        let header = Header::new(stamp, frame::WORLD)?;
+        let orientation = Quaternion { x: q[0], y: q[1], z: q[2], w: q[3] };
+        let pose = Pose { position: Point { x: t[0], y: t[1], z: t[2] }, orientation };
+        let translation = Vector3 { x: t[0], y: t[1], z: t[2] };
+        let transform = Transform { translation, rotation: orientation };
+        let edge = TransformStamped { header: header.clone(), child_frame_id: frame::CAMERA.to_owned(), transform };
+        self.log.write(topics::GROUND_TRUTH, stamp, &PoseStamped { header, pose })?;
+        self.log.write(topics::TF, stamp, &TFMessage { transforms: vec![edge] })
+    }
+
+    /// A colour picture file; `format` as in [`schemas::msg::format`]. The caller vouches for its size.
+    ///
+    /// # Errors
+    /// See [`LogWriter::write`].
+    pub fn color(&mut self, stamp: Stamp, format: &str, bytes: &[u8]) -> Result<(), WriteError> {
+        let info = self.camera_info(stamp)?;
+        let message =
+            CompressedImage { header: info.header.clone(), format: format.to_owned(), data: Cow::Borrowed(bytes) };
+        self.log.write(topics::COLOR_INFO, stamp, &info)?;
+        self.log.write(topics::COLOR, stamp, &message)
+    }
+
+    /// A depth image registered to colour, 0 = no measurement.
+    ///
+    /// # Errors
+    /// A pixel count other than the camera's; see [`LogWriter::write`].
+    pub fn depth(&mut self, stamp: Stamp, pixels: &[u16]) -> Result<(), WriteError> {
+        self.check_pixels("depth", stamp, pixels.len())?;
+        let info = self.camera_info(stamp)?;
+        let message = Image::from_u16(info.header.clone(), encoding::DEPTH, self.camera.width, pixels);
+        self.log.write(topics::DEPTH_INFO, stamp, &info)?;
+        self.log.write(topics::DEPTH, stamp, &message)
+    }
+
+    /// The labels of the colour picture with this stamp; `layer` indexes [`RgbdSpec::layers`].
+    ///
+    /// # Errors
+    /// A pixel count other than the camera's, an unknown layer; see [`LogWriter::write`].
+    pub fn mask(&mut self, layer: usize, stamp: Stamp, mask: &Mask) -> Result<(), WriteError> {
+        self.check_pixels("class mask", stamp, mask.class.len())?;
+        self.check_pixels("instance mask", stamp, mask.instance.len())?;
+        let Some(layer) = self.layers.get_mut(layer) else {
+            return Err(WriteError::Invalid(format!("layer {layer} is not in the log's specification")));
+        };
+        let header = Header::new(stamp, frame::CAMERA)?;
+        if !layer.announced {
+            let categories = layer.categories.clone();
+            let table = CategoryTable { header: header.clone(), layer: layer.name.clone(), categories };
+            self.log.write(&layer.topics.categories, stamp, &table)?;
+            self.log.write(&layer.topics.label_info, stamp, &panoptic::label_info(&table))?;
+            layer.announced = true;
+        }
+        let width = self.camera.width;
+        let class_bytes: Vec<u8>;
+        let class = if layer.class_encoding() == encoding::MONO8 {
+            let ids = mask.class.iter().map(|id| u8::try_from(*id));
+            let unknown =
+                |_| WriteError::Invalid(format!("mask at {stamp} s has class ids outside the category table"));
+            class_bytes = ids.collect::<Result<_, _>>().map_err(unknown)?;
+            Image::from_u8(header.clone(), encoding::MONO8, width, &class_bytes)
+        } else {
+            Image::from_u16(header.clone(), encoding::MONO16, width, &mask.class)
+        };
+        self.log.write(&layer.topics.class, stamp, &class)?;
+        let instance = Image::from_u16(header.clone(), encoding::MONO16, width, &mask.instance);
+        self.log.write(&layer.topics.instance, stamp, &instance)?;
+        let table = SegmentTable { header, layer: layer.name.clone(), segments: mask.segments.clone() };
+        self.log.write(&layer.topics.segments, stamp, &table)
+    }
+
+    /// The log underneath, for further topics, metadata, attachments and flushing.
+    pub fn log(&mut self) -> &mut LogWriter {
+        &mut self.log
+    }
+
+    /// Closes the log, see [`LogWriter::finish`].
+    ///
+    /// # Errors
+    /// The file system refuses.
+    pub fn finish(self) -> Result<u64, WriteError> {
+        self.log.finish()
+    }
+
+    /// Gives up, see [`LogWriter::discard`].
+    pub fn discard(self) {
+        self.log.discard();
+    }
+
+    fn camera_info(&self, stamp: Stamp) -> Result<CameraInfo, WriteError> {
+        Ok(self.camera.to_camera_info(Header::new(stamp, frame::CAMERA)?))
+    }
+
+    fn check_pixels(&self, what: &'static str, stamp: Stamp, found: usize) -> Result<(), WriteError> {
+        let CameraModel { width, height, .. } = self.camera;
+        if found as u64 == u64::from(width) * u64::from(height) {
+            return Ok(());
+        }
+        Err(WriteError::Pixels { what, stamp, found, width, height })
+    }
+}
+
+/// The depth scale must be a positive plain decimal, since it is kept as text.
+fn check_units(text: &str) -> Result<(), WriteError> {
+    let plain = text.bytes().all(|b| b.is_ascii_digit() || b == b'.');
+    match text.parse::<f64>() {
+        Ok(value) if plain && value > 0.0 && value.is_finite() => Ok(()),
+        _ => Err(WriteError::Invalid(format!("depth scale `{text}` is not a positive decimal number like 5000"))),
+    }
+}
+
+fn check_layer(spec: &LayerSpec) -> Result<Layer, WriteError> {
+    if !topics::is_layer_name(&spec.name) {
+        let name = &spec.name;
+        return Err(WriteError::Invalid(format!("layer name `{name}` must be letters, digits and _, a letter first")));
+    }
+    let mut categories = spec.categories.clone();
+    categories.sort_by_key(|category| category.id);
+    let duplicate = categories.windows(2).find(|pair| pair[0].id == pair[1].id).map(|pair| pair[0].id);
+    let reserved = categories.first().filter(|category| category.id == panoptic::VOID_CLASS).map(|_| 0);
+    if let Some(id) = duplicate.or(reserved) {
+        let name = &spec.name;
+        return Err(WriteError::Invalid(format!(
+            "layer {name}: category id {id} is used twice or is 0, which is void: give each category its own id from 1"
+        )));
+    }
+    Ok(Layer { topics: LayerTopics::new(&spec.name), name: spec.name.clone(), categories, announced: false })
+}
+
+/// Metadata that a reader needs before the first message.
+fn write_spec(log: &mut LogWriter, spec: &RgbdSpec, layers: &[Layer]) -> Result<(), WriteError> {
+    let table = |entries: &[(&str, &str)]| -> BTreeMap<String, String> {
+        entries.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned())).collect()
+    };
+    let source = [
+        ("kind", spec.kind.as_str()),
+        ("name", &spec.name),
+        ("program", &spec.program),
+        ("log_format", metadata::LOG_FORMAT),
+    ];
+    log.metadata(metadata::SOURCE, table(&source))?;
+    let conventions = [
+        ("time", "nanoseconds of the source's own clock; log time = publish time = header stamp"),
+        ("world", "fixed frame of the ground truth, metres"),
+        ("camera", "colour camera: x right, y down, z forward, pixel centres at whole numbers"),
+        ("poses", "PoseStamped and TF: world_from_camera, quaternion x y z w as the source wrote it"),
+        ("depth", "16UC1 along z, registered to colour, 0 = none; units_per_metre in pslam/depth"),
+        ("masks", "class and instance id a pixel, 0 = void = unknown; stamp of the colour picture"),
+    ];
+    log.metadata(metadata::CONVENTIONS, table(&conventions))?;
+    let depth =
+        [(metadata::DEPTH_UNITS_PER_METRE, spec.depth_units_per_metre.as_str()), ("registered_to", frame::CAMERA)];
+    log.metadata(metadata::DEPTH, table(&depth))?;
+    let tolerance = spec.tolerance_ns.to_string();
+    let pairing =
+        [(metadata::TOLERANCE_NS, tolerance.as_str()), ("rule", "closest first, each stamp once, strictly nearer")];
+    log.metadata(metadata::PAIRING, table(&pairing))?;
+    for (layer, LayerSpec { name, origin, .. }) in layers.iter().zip(&spec.layers) {
+        let values = [("origin", origin.as_str()), ("void", "0"), ("class_encoding", layer.class_encoding())];
+        log.metadata(&format!("{}{name}", metadata::SEGMENTATION_PREFIX), table(&values))?;
+    }
+    Ok(())
+}
