@@ -1,0 +1,448 @@
+//! Every constant of the slam. The defaults are the text of `default.toml`, which documents each of them; a user's
+//! file overrides single keys, unknown keys are refused.
+
+use serde::{Deserialize, Serialize};
+use slam_vision::OrbConfig;
+
+/// The defaults with their documentation, as `pslam config` prints them.
+pub const DEFAULT_TOML: &str = include_str!("default.toml");
+
+/// Names of the built-in presets: the rows of the paper's ablation, and the paper's own rule.
+pub const PRESETS: [&str; 6] = ["full", "none", "people", "people+things", "people+unknown", "paper"];
+
+/// Why a configuration was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// The text is not TOML, or a key is unknown or of the wrong type.
+    #[error("configuration: {0}")]
+    Syntax(String),
+    /// There is no preset of this name.
+    #[error("there is no preset {name:?}; choose one of {known}")]
+    Preset {
+        /// What was asked for.
+        name: String,
+        /// What there is.
+        known: String,
+    },
+    /// A value is outside its range.
+    #[error("configuration: {key} = {value} is outside {range}")]
+    Range {
+        /// Key with its section.
+        key: &'static str,
+        /// The refused value.
+        value: f64,
+        /// What is allowed.
+        range: &'static str,
+    },
+}
+
+macro_rules! sections {
+    ($($(#[$doc:meta])* $name:ident { $($(#[$field_doc:meta])* $field:ident: $type:ty,)* })*) => {$(
+        $(#[$doc])*
+        #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+        #[serde(deny_unknown_fields)]
+        pub struct $name {
+            $($(#[$field_doc])* pub $field: $type,)*
+        }
+    )*};
+}
+
+sections! {
+    /// The whole configuration, a section a stage.
+    Config {
+        /// Seed of every random draw.
+        seed: u64,
+        /// ORB features.
+        orb: OrbSection,
+        /// The depth sensor.
+        sensor: SensorConfig,
+        /// Frame to map tracking.
+        tracking: TrackingConfig,
+        /// When a frame becomes a keyframe.
+        keyframes: KeyframeConfig,
+        /// Local mapping.
+        mapping: MappingConfig,
+        /// After the track is lost.
+        relocalization: RelocalizationConfig,
+        /// The panoptic filter.
+        panoptic: PanopticConfig,
+    }
+
+    /// ORB features.
+    OrbSection {
+        /// Keypoints per picture.
+        features: usize,
+        /// Ratio between pyramid levels.
+        scale_factor: f64,
+        /// Pyramid levels.
+        levels: usize,
+        /// First FAST threshold, grey levels.
+        fast_threshold: u8,
+        /// FAST threshold where the first one finds nothing.
+        fast_threshold_min: u8,
+    }
+
+    /// The depth sensor.
+    SensorConfig {
+        /// Virtual baseline times focal length, pixels x metres.
+        bf: f64,
+        /// Depth up to which a single view fixes a point, in virtual baselines.
+        close_baselines: f64,
+        /// Constant part of the depth noise, metres.
+        sigma_base_m: f64,
+        /// Quadratic part of the depth noise, 1/metres.
+        sigma_quadratic: f64,
+        /// Nearest trusted depth, metres.
+        min_depth_m: f64,
+        /// Farthest trusted depth, metres.
+        max_depth_m: f64,
+        /// Side of the window read at a keypoint, pixels, odd.
+        depth_window_px: u32,
+        /// Share of the depth that a slanted surface may change within the window.
+        depth_step_share: f64,
+    }
+
+    /// Frame to map tracking.
+    TrackingConfig {
+        /// Keypoints needed to start a map.
+        min_init_keypoints: u32,
+        /// Search radius of the motion model at level 0, pixels.
+        motion_radius_px: f64,
+        /// Matches below which the search window is doubled once.
+        min_motion_matches: u32,
+        /// Inliers for the motion model or reference keyframe step to count.
+        min_step_inliers: u32,
+        /// Inliers for a frame to be tracked.
+        min_inliers: u32,
+        /// Inliers for a frame to be tracked right after relocalisation.
+        min_inliers_after_relocalization: u32,
+        /// Frames after a relocalisation with the stricter rules.
+        recent_relocalization_frames: u32,
+        /// Search radius factor of local points.
+        local_radius: f64,
+        /// Hamming distance of a good match.
+        hamming_high: u32,
+        /// Hamming distance of a sure match.
+        hamming_low: u32,
+        /// Best over second best distance.
+        ratio: f64,
+        /// Keyframes of the local map at most.
+        local_keyframes: usize,
+        /// Static keypoints below which unconfirmed ones are admitted.
+        min_static_keypoints: u32,
+    }
+
+    /// When a frame becomes a keyframe.
+    KeyframeConfig {
+        /// Frames after which a keyframe is due.
+        max_interval: u32,
+        /// Frames between keyframes at least.
+        min_interval: u32,
+        /// Share of the reference keyframe's points below which a keyframe is due.
+        tracked_share: f64,
+        /// The same while the map has one keyframe.
+        tracked_share_start: f64,
+        /// Close points tracked below which a keyframe is due ...
+        min_close_tracked: u32,
+        /// ... if so many close ones could be added.
+        min_close_untracked: u32,
+        /// Points made from depth in a new keyframe at least.
+        min_points: u32,
+    }
+
+    /// Local mapping.
+    MappingConfig {
+        /// Neighbours for triangulation and fusion.
+        neighbours: usize,
+        /// Second-order neighbours for fusion.
+        second_neighbours: usize,
+        /// Found ratio below which a young point is removed.
+        min_found_ratio: f64,
+        /// Weight that a young point needs.
+        min_weight: u32,
+        /// Keyframes for which a point is young.
+        young_keyframes: u32,
+        /// Fusion radius at level 0, pixels.
+        fuse_radius: f64,
+        /// Share of a keyframe's points seen elsewhere that makes it redundant.
+        redundant_share: f64,
+        /// Keyframes of local BA at most.
+        ba_keyframes: usize,
+        /// Iterations of local BA.
+        ba_iterations: usize,
+        /// Evidence of being gone after which a point is removed, frames.
+        max_doubts: u32,
+    }
+
+    /// After the track is lost.
+    RelocalizationConfig {
+        /// Keypoints that a picture must have to be tried.
+        min_keypoints: u32,
+        /// Keyframes tried per frame.
+        candidates: usize,
+        /// Matches to try a candidate.
+        min_matches: usize,
+        /// RANSAC draws at most.
+        iterations: usize,
+        /// Inliers to accept.
+        min_inliers: u32,
+        /// Frames lost with a usable picture before a new map is started.
+        frames_before_new_map: u32,
+    }
+
+    /// The panoptic filter.
+    PanopticConfig {
+        /// Filter people a priori.
+        people: bool,
+        /// Judge Things.
+        things: bool,
+        /// Judge unknown areas.
+        unknown: bool,
+        /// How motion is judged.
+        rule: Rule,
+        /// Names of the categories that are filtered a priori.
+        people_names: Vec<String>,
+        /// Short-term association.
+        association: AssociationConfig,
+        /// The paper's epipolar rule, and the recorded epipolar residuals.
+        epipolar: EpipolarConfig,
+        /// The geometric rule.
+        motion: MotionConfig,
+    }
+
+    /// Short-term association of regions.
+    AssociationConfig {
+        /// Intersection over union from which two masks are one object.
+        min_iou: f64,
+    }
+
+    /// Fundamental matrix and epipolar distance.
+    EpipolarConfig {
+        /// Stuff matches needed for a fundamental matrix.
+        min_matches: usize,
+        /// RANSAC threshold, pixels.
+        ransac_px: f64,
+        /// RANSAC confidence.
+        confidence: f64,
+        /// RANSAC draws at most.
+        iterations: usize,
+        /// Epipolar distance from which a keypoint moves, pixels.
+        distance_px: f64,
+        /// Search radius for matches with the last frame, pixels; 0 = whole picture.
+        radius_px: f64,
+    }
+
+    /// The geometric rule.
+    MotionConfig {
+        /// Ages of the frames that are compared with, frames.
+        history_frames: Vec<u32>,
+        /// Constant part of the free-space margin, metres.
+        free_space_m: f64,
+        /// Part of the free-space margin in sigmas of the depth noise.
+        free_space_sigmas: f64,
+        /// Share of tested samples in free space from which a region moves.
+        free_space_share: f64,
+        /// Samples in free space needed.
+        min_samples: u32,
+        /// Residual of a keypoint match from which it moved, sigmas.
+        moved_sigmas: f64,
+        /// Search radius for keypoint matches in older frames, pixels.
+        search_px: f64,
+        /// Share of tested keypoints that moved from which a region moves.
+        moved_share: f64,
+        /// Moved keypoints needed.
+        min_moved: u32,
+        /// Frames with static evidence that confirm a new region.
+        confirm_frames: u32,
+        /// Frames with static evidence that re-admit a region that moved.
+        readmit_frames: u32,
+        /// Frames with dynamic evidence that take a static region out.
+        suspect_frames: u32,
+        /// Margin around people and movers, pixels.
+        border_px: u32,
+        /// Depth step that parts two unknown areas, share of the depth.
+        depth_step_share: f64,
+    }
+}
+
+/// How motion is judged.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Rule {
+    /// Distance to epipolar lines, per keypoint, as in the paper (section III-B).
+    Paper,
+    /// 3-D residuals and free space under the camera's motion, per region with hysteresis.
+    Geometric,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        toml::from_str(DEFAULT_TOML).expect("default.toml is checked by a test")
+    }
+}
+
+impl Config {
+    /// The defaults with the keys of a TOML text replaced.
+    ///
+    /// # Errors
+    /// Syntax errors, unknown keys, values of the wrong type or out of range.
+    pub fn from_toml(text: &str) -> Result<Self, ConfigError> {
+        Self::default().with_toml(text)
+    }
+
+    /// This configuration with the keys of a TOML text replaced.
+    ///
+    /// # Errors
+    /// As [`from_toml`](Self::from_toml).
+    pub fn with_toml(&self, text: &str) -> Result<Self, ConfigError> {
+        let syntax = |e: &dyn std::fmt::Display| ConfigError::Syntax(e.to_string());
+        let overlay: toml::Table = toml::from_str(text).map_err(|e| syntax(&e))?;
+        let mut base = toml::Table::try_from(self).map_err(|e| syntax(&e))?;
+        merge(&mut base, overlay);
+        let config: Self = base.try_into().map_err(|e| syntax(&e))?;
+        config.validate()?;
+        Ok(config)
+    }
+
+    /// A built-in preset, see [`PRESETS`].
+    ///
+    /// # Errors
+    /// When there is none of this name.
+    pub fn preset(name: &str) -> Result<Self, ConfigError> {
+        let mut config = Self::default();
+        let p = &mut config.panoptic;
+        (p.people, p.things, p.unknown) = match name {
+            "full" | "paper" => (true, true, true),
+            "none" => (false, false, false),
+            "people" => (true, false, false),
+            "people+things" => (true, true, false),
+            "people+unknown" => (true, false, true),
+            _ => return Err(ConfigError::Preset { name: name.into(), known: PRESETS.join(", ") }),
+        };
+        if name == "paper" {
+            p.rule = Rule::Paper;
+            p.epipolar.radius_px = 0.0;
+        }
+        Ok(config)
+    }
+
+    /// The configuration as TOML with every key.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        toml::to_string_pretty(self).expect("plain tables and numbers")
+    }
+
+    fn validate(&self) -> Result<(), ConfigError> {
+        let positive = "numbers greater than 0";
+        let checks = [
+            ("sensor.bf", self.sensor.bf, self.sensor.bf > 0.0, positive),
+            ("sensor.close_baselines", self.sensor.close_baselines, self.sensor.close_baselines > 0.0, positive),
+            ("sensor.sigma_base_m", self.sensor.sigma_base_m, self.sensor.sigma_base_m > 0.0, positive),
+            (
+                "sensor.sigma_quadratic",
+                self.sensor.sigma_quadratic,
+                self.sensor.sigma_quadratic >= 0.0,
+                "numbers from 0",
+            ),
+            (
+                "sensor.depth_window_px",
+                f64::from(self.sensor.depth_window_px),
+                self.sensor.depth_window_px % 2 == 1
+                    && self.sensor.depth_window_px as usize <= crate::observation::MAX_WINDOW,
+                "odd numbers up to 9",
+            ),
+            ("orb.levels", self.orb.levels as f64, (2..=16).contains(&self.orb.levels), "2 to 16"),
+            ("tracking.ratio", self.tracking.ratio, self.tracking.ratio > 0.0 && self.tracking.ratio <= 1.0, "(0, 1]"),
+            (
+                "panoptic.motion.history_frames",
+                self.panoptic.motion.history_frames.len() as f64,
+                self.panoptic.motion.history_frames.iter().all(|age| (1..=300).contains(age)),
+                "ages of 1 to 300 frames",
+            ),
+        ];
+        match checks.iter().find(|(_, _, ok, _)| !ok) {
+            Some((key, value, _, range)) => Err(ConfigError::Range { key, value: *value, range }),
+            None => Ok(()),
+        }
+    }
+}
+
+impl SensorConfig {
+    /// Standard deviation of a depth measurement, metres.
+    #[must_use]
+    pub fn depth_sigma(&self, depth_m: f64) -> f64 {
+        self.sigma_base_m + self.sigma_quadratic * depth_m * depth_m
+    }
+
+    /// Depth up to which a single view fixes a point, metres.
+    #[must_use]
+    pub fn close_m(&self, fx: f64) -> f64 {
+        self.close_baselines * self.bf / fx
+    }
+}
+
+impl OrbSection {
+    /// The extractor's configuration.
+    #[must_use]
+    pub fn to_extractor(&self) -> OrbConfig {
+        OrbConfig {
+            features: self.features,
+            scale_factor: self.scale_factor,
+            levels: self.levels,
+            fast_threshold: self.fast_threshold,
+            fast_threshold_min: self.fast_threshold_min,
+            ..OrbConfig::default()
+        }
+    }
+}
+
+fn merge(base: &mut toml::Table, overlay: toml::Table) {
+    for (key, value) in overlay {
+        match (base.get_mut(&key), value) {
+            (Some(toml::Value::Table(inner)), toml::Value::Table(table)) => merge(inner, table),
+            (_, value) => {
+                base.insert(key, value);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_documented_defaults_are_valid_and_complete() {
+        let config = Config::from_toml("").unwrap();
+        assert_eq!(config, Config::from_toml(&config.to_toml()).unwrap());
+    }
+
+    #[test]
+    fn every_key_is_documented() {
+        let mut documented = false;
+        for line in DEFAULT_TOML.lines() {
+            let is_key = line.contains('=') && !line.starts_with('#');
+            assert!(!is_key || documented, "no comment above: {line}");
+            documented = line.starts_with('#');
+        }
+    }
+
+    #[test]
+    fn unknown_keys_and_bad_values_are_refused() {
+        assert!(Config::from_toml("[tracking]\nmin_inlier = 3").is_err());
+        assert!(Config::from_toml("[sensor]\nbf = -1.0").unwrap_err().to_string().contains("sensor.bf"));
+        assert!(Config::from_toml("[sensor]\nbf = nan").is_err());
+        assert!(Config::preset("everything").unwrap_err().to_string().contains("people+things"));
+    }
+
+    #[test]
+    fn presets_differ_only_in_the_filter() {
+        let full = Config::default();
+        for name in PRESETS {
+            let mut preset = Config::preset(name).unwrap();
+            preset.panoptic = full.panoptic.clone();
+            assert_eq!(preset, full);
+        }
+        assert_eq!(Config::preset("full").unwrap(), full);
+    }
+}

@@ -1,0 +1,100 @@
+//! What every stage may read: configuration, calibration and tables made from them once.
+
+use nalgebra::Vector3;
+use slam_math::float;
+use slam_optimize::{DepthCamera, Measurement, Pinhole};
+use slam_vision::Camera;
+
+use crate::config::Config;
+use crate::input::{Category, Setup};
+use crate::observation::Observation;
+
+/// 95 % of chi-square with 2 degrees of freedom: a pixel.
+pub const CHI2_2: f64 = 5.991;
+/// 95 % of chi-square with 3 degrees of freedom: a pixel and its depth.
+pub const CHI2_3: f64 = 7.815;
+
+/// Configuration and calibration, with the tables made from them.
+#[derive(Debug, Clone)]
+pub struct Context {
+    /// The constants.
+    pub config: Config,
+    /// The colour camera.
+    pub camera: Camera,
+    /// Its undistorted pinhole.
+    pub pinhole: Pinhole,
+    /// The label set, sorted by id.
+    pub categories: Vec<Category>,
+    /// Categories that are filtered a priori.
+    pub people: Vec<u16>,
+    /// Scale of each pyramid level.
+    pub scales: Vec<f64>,
+    /// Depth up to which one view fixes a point, metres.
+    pub close_m: f64,
+}
+
+impl Context {
+    /// Builds the tables.
+    #[must_use]
+    pub fn new(config: &Config, setup: &Setup, scales: &[f64]) -> Self {
+        let camera = setup.camera;
+        let mut categories = setup.categories.clone();
+        categories.sort_by_key(|c| c.id);
+        let is_person = |c: &&Category| config.panoptic.people_names.iter().any(|name| *name == c.name);
+        Self {
+            config: config.clone(),
+            camera,
+            pinhole: Pinhole { fx: camera.fx, fy: camera.fy, cx: camera.cx, cy: camera.cy },
+            people: categories.iter().filter(is_person).map(|c| c.id).collect(),
+            categories,
+            scales: scales.to_vec(),
+            close_m: config.sensor.close_m(camera.fx),
+        }
+    }
+
+    /// Whether a category is a Thing; a category that the label set does not name counts as one.
+    #[must_use]
+    pub fn is_thing(&self, category: u16) -> bool {
+        self.categories.binary_search_by_key(&category, |c| c.id).map_or(true, |i| self.categories[i].is_thing)
+    }
+
+    /// Keypoint `i` as the optimisers want it: pixel noise grows with the pyramid level, depth noise with the sensor's
+    /// model (as noise of the disparity `bf / z`).
+    #[must_use]
+    pub fn measurement(&self, obs: &Observation, i: usize) -> Measurement {
+        let scale = self.scales[usize::from(obs.octave[i])];
+        let pixel = obs.pixel[i];
+        let bf = self.config.sensor.bf;
+        let depth = obs.depth(i);
+        let disparity_sigma = depth.map_or(1.0, |z| bf * self.config.sensor.depth_sigma(z) / (z * z));
+        Measurement {
+            pixel,
+            u_right: depth.map(|z| pixel[0] - bf / z),
+            weight: 1.0 / (scale * scale),
+            weight_right: 1.0 / (scale * scale + disparity_sigma * disparity_sigma),
+        }
+    }
+
+    /// Whether a point (camera frame, metres) lies on keypoint `i` within the noise of pixel and depth, at 95 %.
+    #[must_use]
+    pub fn fits(&self, obs: &Observation, i: usize, in_camera: &Vector3<f64>) -> bool {
+        let m = self.measurement(obs, i);
+        let limit = if m.u_right.is_some() { CHI2_3 } else { CHI2_2 };
+        let camera = DepthCamera { pinhole: self.pinhole, bf: self.config.sensor.bf };
+        camera.chi2(in_camera, &m).is_some_and(|chi2| chi2 <= limit)
+    }
+
+    /// Pyramid level at which a point with this farthest distance appears at distance `d`.
+    #[must_use]
+    pub fn predict_octave(&self, farthest_m: f64, d: f64) -> u8 {
+        let level = float::ln(farthest_m / d) / float::ln(self.config.orb.scale_factor);
+        level.ceil().clamp(0.0, (self.scales.len() - 1) as f64) as u8
+    }
+
+    /// Distances `[nearest, farthest]` at which a point seen at distance `d` on a level can be seen on some level.
+    #[must_use]
+    pub fn range_of(&self, d: f64, octave: u8) -> [f64; 2] {
+        let farthest = d * self.scales[usize::from(octave)];
+        [farthest / self.scales[self.scales.len() - 1], farthest]
+    }
+}

@@ -1,0 +1,84 @@
+//! The covisibility graph and the spanning tree.
+
+use std::collections::BTreeMap;
+
+use slam_math::KeyFrameId;
+
+use super::Map;
+
+/// Shared points from which two keyframes are neighbours (ORB-SLAM, section III-D).
+const MIN_SHARED: u32 = 15;
+
+impl Map {
+    /// Counts shared points of a keyframe anew and links both sides; a keyframe without a parent gets one.
+    pub(super) fn connect(&mut self, id: KeyFrameId) -> bool {
+        let Some(keyframe) = self.keyframe(id) else { return false };
+        let mut shared: BTreeMap<KeyFrameId, u32> = BTreeMap::new();
+        for point in keyframe.points.iter().flatten().filter_map(|p| self.point(*p)) {
+            for sighting in &point.seen_in {
+                *shared.entry(sighting.keyframe).or_default() += 1;
+            }
+        }
+        shared.remove(&id);
+        let mut edges: Vec<(KeyFrameId, u32)> = shared.into_iter().collect();
+        sort_edges(&mut edges);
+        let keep = edges.iter().filter(|(_, weight)| *weight >= MIN_SHARED).count();
+        edges.truncate(keep.max(1));
+
+        let before = std::mem::take(&mut self.keyframe_mut(id).covisible);
+        for (other, _) in before.iter().filter(|(other, _)| !edges.iter().any(|(id, _)| id == other)) {
+            if let Some(other) = self.keyframes.get_mut(other.index()) {
+                other.covisible.retain(|(back, _)| *back != id);
+            }
+        }
+        for (other, weight) in &edges {
+            let covisible = &mut self.keyframe_mut(*other).covisible;
+            covisible.retain(|(back, _)| *back != id);
+            covisible.push((id, *weight));
+            sort_edges(covisible);
+        }
+        // Only an older keyframe can be the parent: that keeps the tree a tree.
+        let parent = edges.iter().map(|(other, _)| *other).find(|other| *other < id);
+        let keyframe = self.keyframe_mut(id);
+        keyframe.covisible = edges;
+        if let (None, Some(parent)) = (keyframe.parent, parent) {
+            keyframe.parent = Some(parent);
+            self.add_child(parent, id);
+        }
+        true
+    }
+
+    /// Removes a keyframe from graph and tree; its children go to its parent.
+    pub(super) fn remove_keyframe(&mut self, id: KeyFrameId) -> bool {
+        let Some(keyframe) = self.keyframe(id).cloned() else { return false };
+        // The first keyframe of a map is the gauge and the root; it stays.
+        let Some(parent) = keyframe.parent else { return false };
+        let Some(parent_pose) = self.keyframe(parent).map(|p| p.camera_from_world) else { return false };
+        for point in keyframe.points.iter().flatten() {
+            self.unobserve(*point, id);
+        }
+        for (other, _) in &keyframe.covisible {
+            if let Some(other) = self.keyframes.get_mut(other.index()) {
+                other.covisible.retain(|(back, _)| *back != id);
+            }
+        }
+        for child in &keyframe.children {
+            self.keyframe_mut(*child).parent = Some(parent);
+            self.add_child(parent, *child);
+        }
+        self.keyframe_mut(parent).children.retain(|child| *child != id);
+        self.removed.insert(id, (parent, keyframe.camera_from_world * parent_pose.inverse()));
+        self.keyframes.remove(id.index())
+    }
+
+    fn add_child(&mut self, parent: KeyFrameId, child: KeyFrameId) {
+        let children = &mut self.keyframe_mut(parent).children;
+        if let Err(position) = children.binary_search(&child) {
+            children.insert(position, child);
+        }
+    }
+}
+
+fn sort_edges(edges: &mut [(KeyFrameId, u32)]) {
+    edges.sort_unstable_by_key(|(id, weight)| (std::cmp::Reverse(*weight), *id));
+}

@@ -1,0 +1,106 @@
+//! The map: keyframes and map points, changed only through [`MapEdit`]s.
+
+mod covisibility;
+mod edit;
+mod keyframe;
+mod point;
+
+use std::collections::BTreeMap;
+
+use slam_math::{IdVec, KeyFrameId, MapId, MapPointId, Se3};
+
+pub use edit::{EditCounts, MapEdit, NewPoint};
+pub use keyframe::KeyFrame;
+pub use point::{MapPoint, Sighting};
+
+/// All maps of a run. Keyframes and points carry the [`MapId`] of the part they belong to; parts have no common frame
+/// until they are joined by [`MapEdit::Join`].
+#[derive(Debug, Clone, Default)]
+pub struct Map {
+    keyframes: IdVec<KeyFrame>,
+    points: IdVec<MapPoint>,
+    /// Where a removed keyframe went: its spanning-tree parent and `removed_from_parent`, so that frames that refer to
+    /// it keep their place.
+    removed: BTreeMap<KeyFrameId, (KeyFrameId, Se3)>,
+    /// Point that a merged point became.
+    merged: BTreeMap<MapPointId, MapPointId>,
+}
+
+impl Map {
+    /// A live keyframe.
+    #[must_use]
+    pub fn keyframe(&self, id: KeyFrameId) -> Option<&KeyFrame> {
+        self.keyframes.get(id.index())
+    }
+
+    /// A live map point.
+    #[must_use]
+    pub fn point(&self, id: MapPointId) -> Option<&MapPoint> {
+        self.points.get(id.index())
+    }
+
+    /// The live point that this id stands for now: itself, or the point it was merged into.
+    #[must_use]
+    pub fn current_point(&self, id: MapPointId) -> Option<MapPointId> {
+        let mut id = id;
+        while let Some(next) = self.merged.get(&id) {
+            id = *next;
+        }
+        self.point(id).map(|_| id)
+    }
+
+    /// Live keyframes, oldest first.
+    pub fn keyframes(&self) -> impl DoubleEndedIterator<Item = &KeyFrame> {
+        self.keyframes.iter().map(|(_, k)| k)
+    }
+
+    /// Live map points, oldest first.
+    pub fn points(&self) -> impl DoubleEndedIterator<Item = &MapPoint> {
+        self.points.iter().map(|(_, p)| p)
+    }
+
+    /// Number of live keyframes.
+    #[must_use]
+    pub fn keyframe_count(&self) -> usize {
+        self.keyframes.len()
+    }
+
+    /// Number of live keyframes of one part.
+    #[must_use]
+    pub fn keyframe_count_of(&self, map: MapId) -> usize {
+        self.keyframes().filter(|k| k.map == map).count()
+    }
+
+    /// Number of live map points.
+    #[must_use]
+    pub fn point_count(&self) -> usize {
+        self.points.len()
+    }
+
+    /// The id that the next keyframe gets.
+    #[must_use]
+    pub fn next_keyframe(&self) -> KeyFrameId {
+        KeyFrameId::from(self.keyframes.next_index())
+    }
+
+    /// The id that the next map point gets.
+    #[must_use]
+    pub fn next_point(&self) -> MapPointId {
+        MapPointId::from(self.points.next_index())
+    }
+
+    /// Pose of a keyframe, also of a removed one (through its parent): `camera_from_world` and its part of the atlas.
+    #[must_use]
+    pub fn pose_of(&self, id: KeyFrameId) -> Option<(Se3, MapId)> {
+        let mut from_ancestor = Se3::identity();
+        let mut id = id;
+        loop {
+            if let Some(keyframe) = self.keyframe(id) {
+                return Some((from_ancestor * keyframe.camera_from_world, keyframe.map));
+            }
+            let (parent, removed_from_parent) = self.removed.get(&id)?;
+            from_ancestor = from_ancestor * *removed_from_parent;
+            id = *parent;
+        }
+    }
+}

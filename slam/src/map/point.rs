@@ -1,0 +1,79 @@
+//! A point of the static world.
+
+use nalgebra::Vector3;
+use slam_math::{FrameId, KeyFrameId, MapId, MapPointId};
+use slam_vision::{Descriptor, hamming};
+
+use crate::report::KeypointClass;
+
+/// One observation of a point by a keyframe.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Sighting {
+    /// Who sees it.
+    pub keyframe: KeyFrameId,
+    /// With which keypoint.
+    pub index: u32,
+    /// Whether the keypoint has depth.
+    pub with_depth: bool,
+}
+
+/// A point of the static world.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MapPoint {
+    /// Its id, in creation order.
+    pub id: MapPointId,
+    /// Part of the atlas.
+    pub map: MapId,
+    /// Position in the world, metres.
+    pub position: Vector3<f64>,
+    /// Observations, sorted by keyframe.
+    pub seen_in: Vec<Sighting>,
+    /// The descriptor nearest to all others of its observations.
+    pub descriptor: Descriptor,
+    /// Mean direction from the cameras to the point, unit length.
+    pub normal: Vector3<f64>,
+    /// Nearest and farthest distance in metres at which it appears on some pyramid level.
+    pub range_m: [f64; 2],
+    /// Keyframe it was made in.
+    pub created_in: KeyFrameId,
+    /// Frame it was made in.
+    pub created_at: FrameId,
+    /// What the keypoint lay on when the point was made.
+    pub class: KeypointClass,
+    /// Frames in which it should have been visible.
+    pub visible: u32,
+    /// Frames in which it was found.
+    pub found: u32,
+    /// Consecutive evidence that it is gone or on a mover; reset when it is found static.
+    pub doubts: u32,
+}
+
+impl MapPoint {
+    /// Number of observations, one with depth counting twice (it fixes the point alone).
+    #[must_use]
+    pub fn weight(&self) -> u32 {
+        self.seen_in.iter().map(|s| 1 + u32::from(s.with_depth)).sum()
+    }
+
+    /// The keypoint of a keyframe that observes it.
+    #[must_use]
+    pub fn sighting(&self, keyframe: KeyFrameId) -> Option<&Sighting> {
+        self.seen_in.binary_search_by_key(&keyframe, |s| s.keyframe).ok().map(|i| &self.seen_in[i])
+    }
+
+    /// Share of the frames it should be seen in that found it.
+    #[must_use]
+    pub fn found_ratio(&self) -> f64 {
+        f64::from(self.found) / f64::from(self.visible.max(1))
+    }
+}
+
+/// The descriptor with the least median Hamming distance to the others; the first one wins ties.
+pub(crate) fn distinctive(descriptors: &[Descriptor]) -> Option<Descriptor> {
+    let median_of = |a: &Descriptor| {
+        let mut distances: Vec<u32> = descriptors.iter().map(|b| hamming(a, b)).collect();
+        let middle = (distances.len() - 1) / 2;
+        *distances.select_nth_unstable(middle).1
+    };
+    descriptors.iter().min_by_key(|d| median_of(d)).copied()
+}

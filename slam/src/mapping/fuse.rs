@@ -1,0 +1,100 @@
+//! Points of neighbours that are one point in the world.
+
+use slam_math::{KeyFrameId, MapPointId};
+
+use super::Editor;
+use crate::context::Context;
+use crate::map::{KeyFrame, Map, MapEdit, MapPoint};
+use crate::matching::{Limits, Query, project, search};
+use crate::tracking::appearance;
+
+/// Projects a keyframe's points into its neighbours and theirs into it; agreeing points are merged or observed.
+/// Returns the number of changes.
+pub(super) fn fuse_with_neighbours(ctx: &Context, editor: &mut Editor<'_>, id: KeyFrameId) -> u32 {
+    let targets = neighbourhood(ctx, editor.map(), id);
+    let mut changes = 0;
+    let own = points_of(editor.map(), &[id]);
+    for target in &targets {
+        changes += fuse_into(ctx, editor, *target, &own);
+    }
+    let theirs = points_of(editor.map(), &targets);
+    changes += fuse_into(ctx, editor, id, &theirs);
+    for point in points_of(editor.map(), &[id]) {
+        editor.refresh(ctx, point);
+    }
+    editor.apply(MapEdit::Connect(id));
+    changes
+}
+
+fn neighbourhood(ctx: &Context, map: &Map, id: KeyFrameId) -> Vec<KeyFrameId> {
+    let m = &ctx.config.mapping;
+    let Some(keyframe) = map.keyframe(id) else { return Vec::new() };
+    let mut targets: Vec<KeyFrameId> = keyframe.best_covisible(m.neighbours).collect();
+    for first in targets.clone() {
+        let second = map.keyframe(first).into_iter().flat_map(|k| k.best_covisible(m.second_neighbours));
+        targets.extend(second.filter(|n| *n != id));
+    }
+    targets.sort_unstable();
+    targets.dedup();
+    targets
+}
+
+fn points_of(map: &Map, keyframes: &[KeyFrameId]) -> Vec<MapPointId> {
+    let found = keyframes.iter().filter_map(|id| map.keyframe(*id));
+    let mut points: Vec<MapPointId> = found.flat_map(|k| k.points.iter().flatten().copied()).collect();
+    points.sort_unstable();
+    points.dedup();
+    points
+}
+
+fn fuse_into(ctx: &Context, editor: &mut Editor<'_>, target: KeyFrameId, points: &[MapPointId]) -> u32 {
+    let Some(keyframe) = editor.map().keyframe(target).cloned() else { return 0 };
+    let center = keyframe.center();
+    let candidates = points.iter().filter_map(|id| editor.map().point(*id));
+    let queries: Vec<_> = candidates.filter_map(|point| query(ctx, &keyframe, &center, point)).collect();
+    let limits = Limits { hamming: ctx.config.tracking.hamming_low, ratio: 1.0 };
+    let mut changes = 0;
+    for m in search(&keyframe.obs, &queries, limits, |i| keyframe.usable[i]) {
+        // Earlier merges of this round may have changed who is where.
+        let Some(point) = editor.map().point(m.key) else { continue };
+        if !ctx.fits(&keyframe.obs, m.index as usize, &keyframe.camera_from_world.transform(&point.position))
+            || point.sighting(target).is_some() {
+            continue;
+        }
+        let holder = editor.map().keyframe(target).and_then(|k| k.points[m.index as usize]);
+        let applied = match holder.and_then(|id| editor.map().point(id)) {
+            None => editor.apply(MapEdit::Observe(m.key, target, m.index)),
+            Some(holder) if (point.weight(), holder.id) > (holder.weight(), point.id) => {
+                let edit = MapEdit::MergePoints { keep: point.id, drop: holder.id };
+                editor.apply(edit)
+            }
+            Some(holder) => {
+                let edit = MapEdit::MergePoints { keep: holder.id, drop: point.id };
+                editor.apply(edit)
+            }
+        };
+        changes += u32::from(applied);
+    }
+    changes
+}
+
+fn query(
+    ctx: &Context,
+    keyframe: &KeyFrame,
+    center: &nalgebra::Vector3<f64>,
+    point: &MapPoint,
+) -> Option<Query<MapPointId>> {
+    if point.sighting(keyframe.id).is_some() {
+        return None;
+    }
+    let (pixel, _) = project(&ctx.camera, &keyframe.camera_from_world, &point.position)?;
+    let (octave, _) = appearance(ctx, point, center)?;
+    Some(Query {
+        key: point.id,
+        pixel,
+        radius: ctx.config.mapping.fuse_radius * ctx.scales[usize::from(octave)],
+        octaves: [octave.saturating_sub(1), octave],
+        depth_m: None,
+        descriptor: point.descriptor,
+    })
+}

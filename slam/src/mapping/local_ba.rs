@@ -1,0 +1,103 @@
+//! Local bundle adjustment: the newest keyframe, its neighbours and their points.
+
+use slam_math::{KeyFrameId, MapPointId};
+use slam_optimize::{BaObservation, BaOptions, BaPose, BaProblem, bundle_adjust};
+
+use super::Editor;
+use crate::context::Context;
+use crate::map::{Map, MapEdit};
+
+struct Window {
+    /// Keyframes that move, sorted, then those held fixed, sorted.
+    keyframes: Vec<KeyFrameId>,
+    points: Vec<MapPointId>,
+    problem: BaProblem,
+}
+
+/// Adjusts the neighbourhood of a keyframe. Observations that do not fit are removed; returns how many.
+pub(super) fn local_bundle_adjustment(ctx: &Context, editor: &mut Editor<'_>, id: KeyFrameId) -> u32 {
+    let Some(mut window) = collect(ctx, editor.map(), id) else { return 0 };
+    let options = BaOptions { iterations: ctx.config.mapping.ba_iterations as u32, ..BaOptions::default() };
+    let observations = window.problem.observations.clone();
+    let report = bundle_adjust(&mut window.problem, &options);
+    for (id, pose) in window.keyframes.iter().zip(&window.problem.poses).filter(|(_, pose)| !pose.fixed) {
+        if pose.camera_from_world.is_finite() {
+            editor.apply(MapEdit::SetPose(*id, pose.camera_from_world.normalized()));
+        }
+    }
+    for (id, position) in window.points.iter().zip(&window.problem.points) {
+        if position.iter().all(|v| v.is_finite()) {
+            editor.apply(MapEdit::SetPosition(*id, *position));
+        }
+    }
+    let mut dropped = 0;
+    for (observation, _) in observations.iter().zip(&report.outlier).filter(|(_, outlier)| **outlier) {
+        let point = window.points[observation.point as usize];
+        dropped += u32::from(editor.apply(MapEdit::Unobserve(point, window.keyframes[observation.pose as usize])));
+    }
+    for point in window.points {
+        match editor.map().point(point).map(|p| p.weight()) {
+            // One view without depth fixes nothing.
+            Some(0 | 1) => {
+                editor.apply(MapEdit::CullPoint(point));
+            }
+            _ => editor.refresh(ctx, point),
+        }
+    }
+    dropped
+}
+
+fn collect(ctx: &Context, map: &Map, id: KeyFrameId) -> Option<Window> {
+    let keyframe = map.keyframe(id)?;
+    let mut moving: Vec<KeyFrameId> = keyframe.best_covisible(ctx.config.mapping.ba_keyframes - 1).collect();
+    moving.push(id);
+    moving.sort_unstable();
+    let seen = moving.iter().filter_map(|id| map.keyframe(*id)).flat_map(|k| k.points.iter().flatten().copied());
+    let mut points: Vec<MapPointId> = seen.collect();
+    points.sort_unstable();
+    points.dedup();
+    let observers = points.iter().filter_map(|id| map.point(*id)).flat_map(|p| p.seen_in.iter().map(|s| s.keyframe));
+    let mut fixed: Vec<KeyFrameId> = observers.filter(|k| moving.binary_search(k).is_err()).collect();
+    fixed.sort_unstable();
+    fixed.dedup();
+    let moving_count = moving.len();
+    let keyframes: Vec<KeyFrameId> = moving.into_iter().chain(fixed).collect();
+    // The root of a map is its gauge; without any other fixed keyframe it alone is held.
+    let poses = keyframes.iter().enumerate().filter_map(|(n, id)| {
+        let keyframe = map.keyframe(*id)?;
+        let fixed = n >= moving_count || keyframe.parent.is_none();
+        Some(BaPose { camera_from_world: keyframe.camera_from_world, fixed })
+    });
+    let problem = BaProblem {
+        camera: ctx.pinhole,
+        bf: ctx.config.sensor.bf,
+        poses: poses.collect(),
+        points: points.iter().filter_map(|id| map.point(*id).map(|p| p.position)).collect(),
+        observations: observations(ctx, map, &keyframes, moving_count, &points),
+    };
+    Some(Window { keyframes, points, problem })
+}
+
+fn observations(
+    ctx: &Context,
+    map: &Map,
+    keyframes: &[KeyFrameId],
+    moving: usize,
+    points: &[MapPointId],
+) -> Vec<BaObservation> {
+    let position = |id: &KeyFrameId| {
+        let in_fixed = || keyframes[moving..].binary_search(id).map(|n| n + moving);
+        keyframes[..moving].binary_search(id).or_else(|_| in_fixed()).ok()
+    };
+    let mut out = Vec::new();
+    for (n, point) in points.iter().filter_map(|id| map.point(*id)).enumerate() {
+        for sighting in &point.seen_in {
+            let keyframe = map.keyframe(sighting.keyframe);
+            if let (Some(pose), Some(keyframe)) = (position(&sighting.keyframe), keyframe) {
+                let measurement = ctx.measurement(&keyframe.obs, sighting.index as usize);
+                out.push(BaObservation { pose: pose as u32, point: n as u32, measurement });
+            }
+        }
+    }
+    out
+}

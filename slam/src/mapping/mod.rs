@@ -1,0 +1,46 @@
+//! What happens after a keyframe: new points, fusion, bundle adjustment, culling. Everything by counted budgets.
+
+mod create;
+mod cull;
+mod editor;
+mod fuse;
+mod local_ba;
+mod triangulate;
+
+pub use create::{create_points_from_depth, insert_keyframe};
+pub use cull::YoungPoints;
+pub use editor::Editor;
+
+use slam_math::KeyFrameId;
+
+use crate::context::Context;
+
+/// What local mapping did for one keyframe.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct MappingCounts {
+    /// Points made by triangulation.
+    pub triangulated: u32,
+    /// Points fused.
+    pub fused: u32,
+    /// Points culled.
+    pub culled: u32,
+    /// Observations dropped by bundle adjustment.
+    pub ba_outliers: u32,
+    /// Keyframes culled.
+    pub keyframes_culled: u32,
+}
+
+/// Local mapping for a keyframe that is in the map.
+pub fn local_mapping(
+    ctx: &Context,
+    editor: &mut Editor<'_>,
+    young: &mut YoungPoints,
+    keyframe: KeyFrameId,
+) -> MappingCounts {
+    let culled = young.cull(ctx, editor, keyframe);
+    let triangulated = triangulate::triangulate_with_neighbours(ctx, editor, young, keyframe);
+    let fused = fuse::fuse_with_neighbours(ctx, editor, keyframe);
+    let ba_outliers = local_ba::local_bundle_adjustment(ctx, editor, keyframe);
+    let keyframes_culled = cull::cull_keyframes(ctx, editor, keyframe);
+    MappingCounts { triangulated, fused, culled, ba_outliers, keyframes_culled }
+}

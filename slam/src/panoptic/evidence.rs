@@ -1,0 +1,232 @@
+//! Evidence of motion under the camera's own motion: surfaces in space that was free a moment ago, and keypoints that
+//! are not where the static world would have them.
+
+use nalgebra::Vector3;
+use slam_math::{FrameId, Se3, float};
+use slam_vision::hamming;
+
+use super::association::Vote;
+use super::{FrameFilter, NO_REGION, Remembered};
+use crate::config::MotionConfig;
+use crate::context::Context;
+use crate::input::DepthImage;
+use crate::matching::project;
+use crate::observation::{Observation, round_to_pixel};
+use crate::report::{KeypointClass, Verdict};
+
+/// Every second cell is sampled in both directions: a sample each 8 pixels.
+const SAMPLE_STRIDE: usize = 2;
+/// Half side of the window in which an older depth is looked up, pixels: covers the error of pose and borders.
+const WINDOW: i64 = 2;
+/// Localisation noise of a keypoint at level 0, pixels (0.3-1 px by slam-anatomy, section 12.2).
+const KEYPOINT_SIGMA_PX: f64 = 0.7;
+/// Samples that must agree with an older frame for a static vote, as a share of those tested.
+const CONSISTENT_SHARE: f64 = 0.5;
+
+/// The frame that is judged.
+pub(super) struct Now<'a> {
+    pub id: FrameId,
+    pub depth: Option<&'a DepthImage>,
+    pub obs: &'a Observation,
+    pub camera_from_world: &'a Se3,
+}
+
+/// What was counted about one region against one older frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Count {
+    /// Depth samples that could be compared.
+    pub samples: u32,
+    /// Samples where the older frame saw farther: the surface stands in formerly free space.
+    pub free: u32,
+    /// Samples where the older frame saw the same surface.
+    pub consistent: u32,
+    /// Keypoints found again.
+    pub keypoints: u32,
+    /// Keypoints found elsewhere than the static world would have them.
+    pub moved: u32,
+}
+
+/// Evidence about a region: a count per compared frame, youngest first.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Evidence {
+    /// Counts.
+    pub counts: Vec<Count>,
+}
+
+impl Evidence {
+    /// Largest share of free-space samples over the compared frames.
+    #[must_use]
+    pub fn free_space_share(&self) -> f64 {
+        self.largest(|c| (c.free, c.samples))
+    }
+
+    /// Largest share of moved keypoints over the compared frames.
+    #[must_use]
+    pub fn moved_share(&self) -> f64 {
+        self.largest(|c| (c.moved, c.keypoints))
+    }
+
+    fn largest(&self, pair: impl Fn(&Count) -> (u32, u32)) -> f64 {
+        self.counts.iter().map(pair).filter(|(_, n)| *n > 0).fold(0.0, |largest, (part, whole)| {
+            float::max(largest, f64::from(part) / f64::from(whole))
+        })
+    }
+
+    /// What these counts say.
+    pub(super) fn vote(&self, config: &MotionConfig) -> Vote {
+        let in_free_space = |c: &Count| {
+            c.free >= config.min_samples && f64::from(c.free) >= config.free_space_share * f64::from(c.samples)
+        };
+        let moved = |c: &Count| {
+            c.moved >= config.min_moved && f64::from(c.moved) >= config.moved_share * f64::from(c.keypoints)
+        };
+        let same = |c: &Count| {
+            c.samples >= config.min_samples && f64::from(c.consistent) >= CONSISTENT_SHARE * f64::from(c.samples)
+        };
+        if self.counts.iter().any(|c| in_free_space(c) || moved(c)) {
+            Vote::Dynamic
+        } else if self.counts.last().is_some_and(same) {
+            Vote::Static
+        } else {
+            Vote::Silent
+        }
+    }
+}
+
+/// Fills `frame.evidence` and `frame.motion_sigmas`.
+pub(super) fn gather(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame: &mut FrameFilter) {
+    for evidence in &mut frame.evidence {
+        evidence.counts = vec![Count::default(); older.len()];
+    }
+    if let Some(depth) = now.depth {
+        count_samples(ctx, now, depth, older, frame);
+    }
+    let world_from_camera = now.camera_from_world.inverse();
+    for i in 0..now.obs.len() {
+        let (Some(region), Some(z)) = (frame.region[i], now.obs.depth(i)) else { continue };
+        if frame.class[i] == KeypointClass::Person {
+            continue;
+        }
+        let in_world = world_from_camera.transform(&ctx.camera.unproject(now.obs.pixel[i], z));
+        for (age, then) in older.iter().enumerate() {
+            let Some(sigmas) = keypoint_residual(ctx, now.obs, i, &in_world, then) else { continue };
+            frame.motion_sigmas[i] = sigmas;
+            let count = &mut frame.evidence[region].counts[age];
+            count.keypoints += 1;
+            count.moved += u32::from(sigmas > ctx.config.panoptic.motion.moved_sigmas);
+        }
+    }
+}
+
+fn count_samples(ctx: &Context, now: &Now<'_>, depth: &DepthImage, older: &[&Remembered], frame: &mut FrameFilter) {
+    let world_from_camera = now.camera_from_world.inverse();
+    for row in (0..frame.regions.height).step_by(SAMPLE_STRIDE) {
+        for column in (0..frame.regions.width).step_by(SAMPLE_STRIDE) {
+            let cell = row * frame.regions.width + column;
+            let region = frame.regions.cell[cell];
+            if region == NO_REGION {
+                continue;
+            }
+            let (x, y) = frame.regions.center(cell);
+            let Some(z) = depth.metres(x, y).filter(|z| *z <= ctx.config.sensor.max_depth_m) else { continue };
+            let pixel = ctx.camera.undistort([x as f64, y as f64]);
+            let in_world = world_from_camera.transform(&ctx.camera.unproject(pixel, z));
+            for (age, then) in older.iter().enumerate() {
+                let count = &mut frame.evidence[usize::from(region)].counts[age];
+                match compare(ctx, then, &in_world) {
+                    Some(Seen::Farther) => (count.samples, count.free) = (count.samples + 1, count.free + 1),
+                    Some(Seen::Same) => (count.samples, count.consistent) = (count.samples + 1, count.consistent + 1),
+                    None => {}
+                }
+            }
+        }
+    }
+}
+
+/// What an older frame saw in the direction of a point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Seen {
+    /// Only farther surfaces: the point's place was free.
+    Farther,
+    /// A surface at the point.
+    Same,
+}
+
+/// Looks a point up in an older depth image. `None` when it was out of sight, hidden, or nothing was measured.
+fn compare(ctx: &Context, then: &Remembered, in_world: &Vector3<f64>) -> Option<Seen> {
+    let depth = then.depth.as_deref()?;
+    let (pixel, expected) = project(&ctx.camera, &then.camera_from_world, in_world)?;
+    let raw = ctx.camera.distort(pixel);
+    let (cx, cy) = (round_to_pixel(raw[0]), round_to_pixel(raw[1]));
+    let m = &ctx.config.panoptic.motion;
+    let margin = m.free_space_m + m.free_space_sigmas * ctx.config.sensor.depth_sigma(expected);
+    let (mut measured, mut farther) = (0, 0);
+    for y in cy - WINDOW..=cy + WINDOW {
+        for x in cx - WINDOW..=cx + WINDOW {
+            let Some(z) = depth.metres(x, y) else { continue };
+            if (z - expected).abs() <= margin {
+                return Some(Seen::Same);
+            }
+            measured += 1;
+            farther += u32::from(z > expected);
+        }
+    }
+    // Half the window must have been measured: a hole is no free space.
+    let window = (2 * WINDOW + 1) * (2 * WINDOW + 1);
+    (measured * 2 > window && farther as i64 == measured).then_some(Seen::Farther)
+}
+
+/// How far keypoint `i` is from where the static world would have it in an older frame, in sigmas of pixel and depth
+/// noise; `None` when it is not found again.
+fn keypoint_residual(
+    ctx: &Context,
+    obs: &Observation,
+    i: usize,
+    in_world: &Vector3<f64>,
+    then: &Remembered,
+) -> Option<f64> {
+    let (pixel, expected) = project(&ctx.camera, &then.camera_from_world, in_world)?;
+    let octave = obs.octave[i];
+    let mut nearby = Vec::new();
+    let radius = ctx.config.panoptic.motion.search_px;
+    then.obs.grid.query(pixel, radius, octave.saturating_sub(1), octave + 1, &then.obs.octave, &mut nearby);
+    let (mut first, mut second) = ((u32::MAX, 0), u32::MAX);
+    for &j in nearby.iter().filter(|j| then.class[**j as usize] != KeypointClass::Person) {
+        let candidate = (hamming(&obs.descriptor[i], &then.obs.descriptor[j as usize]), j);
+        if candidate < first {
+            (second, first) = (first.0, candidate);
+        } else if candidate.0 < second {
+            second = candidate.0;
+        }
+    }
+    let t = &ctx.config.tracking;
+    if first.0 > t.hamming_low || f64::from(first.0) > t.ratio * f64::from(second) {
+        return None;
+    }
+    let j = first.1 as usize;
+    let sigma_px = KEYPOINT_SIGMA_PX * ctx.scales[usize::from(octave)];
+    let (dx, dy) = (then.obs.pixel[j][0] - pixel[0], then.obs.pixel[j][1] - pixel[1]);
+    let mut chi2 = (dx * dx + dy * dy) / (2.0 * sigma_px * sigma_px);
+    if let Some(z) = then.obs.depth(j) {
+        let sigma = ctx.config.sensor.depth_sigma(z);
+        chi2 += (z - expected) * (z - expected) / (2.0 * sigma * sigma);
+    }
+    Some(chi2.sqrt())
+}
+
+/// Takes out single keypoints that stand in formerly free space although their label says background or a region that
+/// is static as a whole: what the segmentation missed. Only with both tests of movers on.
+pub(super) fn free_keypoints(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame: &mut FrameFilter) {
+    if !(ctx.config.panoptic.things && ctx.config.panoptic.unknown) {
+        return;
+    }
+    let world_from_camera = now.camera_from_world.inverse();
+    for i in (0..now.obs.len()).filter(|i| frame.verdict[*i] == Verdict::Static).collect::<Vec<_>>() {
+        let Some(z) = now.obs.depth(i) else { continue };
+        let in_world = world_from_camera.transform(&ctx.camera.unproject(now.obs.pixel[i], z));
+        if older.iter().any(|then| compare(ctx, then, &in_world) == Some(Seen::Farther)) {
+            frame.verdict[i] = Verdict::FreeSpace;
+        }
+    }
+    debug_assert!(older.iter().all(|then| then.id < now.id));
+}

@@ -1,0 +1,212 @@
+//! Which keypoints belong to the static world? The paper's section III-B, and a geometric rule that works where its
+//! epipolar test does not.
+//!
+//! Per frame, in this order:
+//! 1. [`PanopticFilter::label`]: keypoint classes, regions of the picture, their association with the last frame, and
+//!    verdicts from what is known so far;
+//! 2. tracking finds a first pose with the keypoints that are static by those verdicts;
+//! 3. [`PanopticFilter::judge`]: evidence of motion under that pose, region states, final verdicts;
+//! 4. [`PanopticFilter::remember`]: the frame becomes history.
+
+mod association;
+mod epipolar;
+mod evidence;
+mod regions;
+mod verdict;
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use slam_math::{FrameId, Se3};
+
+pub use epipolar::Epipolar;
+pub use evidence::Evidence;
+pub use regions::{CELL_PX, NO_REGION, Region, RegionKind, Regions};
+
+use crate::config::Rule;
+use crate::context::Context;
+use crate::input::{DepthImage, FrameInput};
+use crate::observation::Observation;
+use crate::report::{KeypointClass, RegionState, Selection, Verdict};
+
+/// An older frame that the current one is compared with.
+#[derive(Debug, Clone)]
+pub struct Remembered {
+    /// Which frame.
+    pub id: FrameId,
+    /// Its pose when it was tracked.
+    pub camera_from_world: Se3,
+    /// Its depth.
+    pub depth: Option<Arc<DepthImage>>,
+    /// Its keypoints.
+    pub obs: Arc<Observation>,
+    /// Class of each keypoint.
+    pub class: Vec<KeypointClass>,
+    /// Region track of each keypoint.
+    pub track: Vec<Option<u32>>,
+}
+
+/// A region followed over frames.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Track {
+    /// Its number, in order of appearance.
+    pub id: u32,
+    /// What is known about its motion.
+    pub state: RegionState,
+    /// Frames since it appeared.
+    pub age: u32,
+    /// Consecutive frames with evidence that it is static.
+    pub static_streak: u32,
+    /// Consecutive frames with evidence that it moves.
+    pub dynamic_streak: u32,
+}
+
+/// Everything the filter knows and decides about one frame.
+#[derive(Debug, Clone)]
+pub struct FrameFilter {
+    /// What each keypoint lies on.
+    pub class: Vec<KeypointClass>,
+    /// Region of each keypoint, an index into `regions.list`.
+    pub region: Vec<Option<usize>>,
+    /// The decision about each keypoint.
+    pub verdict: Vec<Verdict>,
+    /// Residual under the static hypothesis in sigmas; NaN when not tested.
+    pub motion_sigmas: Vec<f64>,
+    /// Regions of the picture.
+    pub regions: Regions,
+    /// Track of each region.
+    pub tracks: Vec<Track>,
+    /// Evidence of each region.
+    pub evidence: Vec<Evidence>,
+    /// Cells that are or were a mover a moment ago: frames until forgotten.
+    pub heat: Vec<u8>,
+    /// Two-view geometry with the last frame.
+    pub epipolar: Option<Epipolar>,
+    /// Distance of each keypoint to the epipolar line of its match; NaN without match or geometry.
+    pub epipolar_px: Vec<f64>,
+}
+
+impl FrameFilter {
+    /// Keypoints that tracking may use, and how they were chosen: static ones; if those are fewer than
+    /// `tracking.min_static_keypoints`, unconfirmed ones too; if that is still not enough, all but people and movers.
+    #[must_use]
+    pub fn select(&self, ctx: &Context) -> (Selection, Vec<bool>) {
+        let admits = |selection: Selection, v: Verdict| match selection {
+            Selection::Static => v == Verdict::Static,
+            Selection::WithUnconfirmed => matches!(v, Verdict::Static | Verdict::ThingNew | Verdict::UnknownNew),
+            Selection::AllButMovers => {
+                !matches!(v, Verdict::Person | Verdict::ThingDynamic | Verdict::UnknownDynamic)
+            }
+        };
+        let order = [Selection::Static, Selection::WithUnconfirmed, Selection::AllButMovers];
+        let usable = |s: Selection| self.verdict.iter().map(|v| admits(s, *v)).collect::<Vec<bool>>();
+        let enough = ctx.config.tracking.min_static_keypoints as usize;
+        let choice = order.into_iter().find(|s| self.verdict.iter().filter(|v| admits(*s, **v)).count() >= enough);
+        let choice = choice.unwrap_or(Selection::AllButMovers);
+        (choice, usable(choice))
+    }
+}
+
+/// The filter's memory.
+#[derive(Debug, Clone, Default)]
+pub struct PanopticFilter {
+    history: VecDeque<Remembered>,
+    last: Option<LastRegions>,
+    next_track: u32,
+}
+
+/// Regions of the last frame, for association.
+#[derive(Debug, Clone)]
+struct LastRegions {
+    regions: Regions,
+    tracks: Vec<Track>,
+    heat: Vec<u8>,
+}
+
+impl PanopticFilter {
+    /// Step 1: classes, regions, association, verdicts from what is known so far.
+    #[must_use]
+    pub fn label(&mut self, ctx: &Context, input: &FrameInput, obs: &Observation) -> FrameFilter {
+        let regions = Regions::new(ctx, input);
+        let tracks = self.associate(ctx, &regions);
+        let (class, region) = verdict::classify(ctx, input, obs, &regions);
+        let heat = self.heat(ctx, &regions, &tracks);
+        let n = obs.len();
+        let mut frame = FrameFilter {
+            class,
+            region,
+            verdict: vec![Verdict::Static; n],
+            motion_sigmas: vec![f64::NAN; n],
+            evidence: vec![Evidence::default(); regions.list.len()],
+            regions,
+            tracks,
+            heat,
+            epipolar: None,
+            epipolar_px: vec![f64::NAN; n],
+        };
+        if ctx.config.panoptic.rule == Rule::Paper {
+            if let Some(last) = self.history.back() {
+                epipolar::measure(ctx, input.id, last, obs, &mut frame);
+            }
+        }
+        verdict::decide(ctx, obs, &mut frame);
+        frame
+    }
+
+    /// Step 3: evidence under the camera pose, region states, final verdicts.
+    pub fn judge(&self, ctx: &Context, input: &FrameInput, obs: &Observation, pose: &Se3, frame: &mut FrameFilter) {
+        if ctx.config.panoptic.rule == Rule::Paper {
+            return;
+        }
+        let now = evidence::Now { id: input.id, depth: input.depth.as_deref(), obs, camera_from_world: pose };
+        if let Some(last) = self.history.back() {
+            epipolar::from_motion(ctx, pose, last, obs, frame);
+        }
+        let older = self.compared_with(ctx, input.id);
+        evidence::gather(ctx, &now, &older, frame);
+        for (track, evidence) in frame.tracks.iter_mut().zip(&frame.evidence) {
+            track.update(&ctx.config.panoptic.motion, evidence.vote(&ctx.config.panoptic.motion));
+        }
+        frame.heat = self.heat(ctx, &frame.regions, &frame.tracks);
+        verdict::decide(ctx, obs, frame);
+        evidence::free_keypoints(ctx, &now, &older, frame);
+    }
+
+    /// Step 4: the frame becomes history. Without a pose it can't be compared with, so history ends there.
+    pub fn remember(
+        &mut self,
+        ctx: &Context,
+        input: &FrameInput,
+        obs: &Arc<Observation>,
+        pose: Option<&Se3>,
+        frame: &FrameFilter,
+    ) {
+        self.last =
+            Some(LastRegions { regions: frame.regions.clone(), tracks: frame.tracks.clone(), heat: frame.heat.clone() });
+        let Some(pose) = pose else {
+            self.history.clear();
+            return;
+        };
+        let track = frame.region.iter().map(|r| r.map(|r| frame.tracks[r].id)).collect();
+        self.history.push_back(Remembered {
+            id: input.id,
+            camera_from_world: *pose,
+            depth: input.depth.clone(),
+            obs: obs.clone(),
+            class: frame.class.clone(),
+            track,
+        });
+        let oldest = ctx.config.panoptic.motion.history_frames.iter().copied().max().unwrap_or(1) as usize;
+        while self.history.len() > oldest {
+            self.history.pop_front();
+        }
+    }
+
+    /// The remembered frames of the configured ages, youngest first.
+    fn compared_with(&self, ctx: &Context, now: FrameId) -> Vec<&Remembered> {
+        let mut ages = ctx.config.panoptic.motion.history_frames.clone();
+        ages.sort_unstable();
+        let with_age = |age: u32| self.history.iter().rev().find(|r| now.0 - r.id.0 == age);
+        ages.into_iter().filter_map(with_age).collect()
+    }
+}

@@ -1,0 +1,180 @@
+//! Parts of the picture that may move: Things, people, and connected unknown areas, on a grid of small cells.
+
+use std::collections::VecDeque;
+
+use crate::context::Context;
+use crate::input::{FrameInput, PanopticMask};
+use crate::report::RegionState;
+
+/// Side of a cell in pixels.
+pub const CELL_PX: usize = 4;
+/// Cells of the background.
+pub const NO_REGION: u16 = u16::MAX;
+
+/// What a region is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum RegionKind {
+    /// A person.
+    Person,
+    /// A Thing.
+    Thing,
+    /// Claimed by no segment.
+    Unknown,
+}
+
+/// One region.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Region {
+    /// What it is.
+    pub kind: RegionKind,
+    /// Segment id in the mask; 0 for unknown areas.
+    pub segment: u16,
+    /// Category; 0 for unknown areas.
+    pub category: u16,
+    /// Cells it covers.
+    pub cells: u32,
+    /// First and last column, first and last row, in cells.
+    pub extent: [u16; 4],
+}
+
+impl Region {
+    /// The state of a region that was never seen before.
+    #[must_use]
+    pub fn first_state(&self) -> RegionState {
+        if self.kind == RegionKind::Person { RegionState::Person } else { RegionState::New }
+    }
+}
+
+/// The regions of a picture.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Regions {
+    /// Cells per row.
+    pub width: usize,
+    /// Rows of cells.
+    pub height: usize,
+    /// Region index per cell, or [`NO_REGION`].
+    pub cell: Vec<u16>,
+    /// Segments in id order, then unknown areas in scan order.
+    pub list: Vec<Region>,
+}
+
+impl Regions {
+    /// Cuts a picture into regions. Without a mask everything is background.
+    #[must_use]
+    pub fn new(ctx: &Context, input: &FrameInput) -> Self {
+        let (width, height) = (input.gray.width / CELL_PX, input.gray.height / CELL_PX);
+        let mut regions = Self { width, height, cell: vec![NO_REGION; width * height], list: Vec::new() };
+        if let Some(mask) = input.panoptic.as_deref() {
+            let unknown = regions.add_segments(ctx, mask);
+            regions.add_unknown(ctx, input, unknown);
+            regions.measure();
+        }
+        regions
+    }
+
+    /// Pixel in the middle of a cell.
+    #[must_use]
+    pub fn center(&self, cell: usize) -> (i64, i64) {
+        let middle = |c: usize| (c * CELL_PX + CELL_PX / 2) as i64;
+        (middle(cell % self.width), middle(cell / self.width))
+    }
+
+    /// Cell of a pixel.
+    #[must_use]
+    pub fn cell_at(&self, pixel: [f64; 2]) -> Option<usize> {
+        let (x, y) = ((pixel[0] + 0.5).floor(), (pixel[1] + 0.5).floor());
+        if !(x >= 0.0 && y >= 0.0) {
+            return None;
+        }
+        let (x, y) = (x as usize / CELL_PX, y as usize / CELL_PX);
+        (x < self.width && y < self.height).then_some(y * self.width + x)
+    }
+
+    /// Claims the cells of Things and people; returns which cells no segment claims.
+    fn add_segments(&mut self, ctx: &Context, mask: &PanopticMask) -> Vec<bool> {
+        let mut region_of = vec![None; mask.segments.len()];
+        for (i, segment) in mask.segments.iter().enumerate() {
+            let person = ctx.people.contains(&segment.category);
+            if person || ctx.is_thing(segment.category) {
+                region_of[i] = Some(self.list.len() as u16);
+                let kind = if person { RegionKind::Person } else { RegionKind::Thing };
+                self.list.push(Region {
+                    kind,
+                    segment: segment.id,
+                    category: segment.category,
+                    cells: 0,
+                    extent: [0; 4],
+                });
+            }
+        }
+        let mut unknown = vec![false; self.cell.len()];
+        for cell in 0..self.cell.len() {
+            let (x, y) = self.center(cell);
+            match mask.segments.binary_search_by_key(&mask.at(x, y), |s| s.id) {
+                Ok(i) => self.cell[cell] = region_of[i].unwrap_or(NO_REGION),
+                Err(_) => unknown[cell] = true,
+            }
+        }
+        unknown
+    }
+
+    /// Splits unknown cells into connected areas without a depth step inside.
+    fn add_unknown(&mut self, ctx: &Context, input: &FrameInput, mut unknown: Vec<bool>) {
+        let share = ctx.config.panoptic.motion.depth_step_share;
+        let depth_of = |cell: usize, regions: &Self| {
+            let (x, y) = regions.center(cell);
+            input.depth.as_deref().and_then(|d| d.metres(x, y)).unwrap_or(0.0)
+        };
+        let depth: Vec<f64> = (0..self.cell.len()).map(|c| depth_of(c, self)).collect();
+        let joined = |a: usize, b: usize| match (depth[a] > 0.0, depth[b] > 0.0) {
+            (true, true) => (depth[a] - depth[b]).abs() <= share * depth[a] + ctx.config.panoptic.motion.free_space_m,
+            (false, false) => true,
+            _ => false,
+        };
+        let mut queue = VecDeque::new();
+        for start in 0..self.cell.len() {
+            if !unknown[start] || self.list.len() >= usize::from(NO_REGION) {
+                continue;
+            }
+            let region = self.list.len() as u16;
+            self.list.push(Region { kind: RegionKind::Unknown, segment: 0, category: 0, cells: 0, extent: [0; 4] });
+            unknown[start] = false;
+            queue.push_back(start);
+            while let Some(cell) = queue.pop_front() {
+                self.cell[cell] = region;
+                for next in self.neighbours(cell).into_iter().flatten() {
+                    if unknown[next] && joined(cell, next) {
+                        unknown[next] = false;
+                        queue.push_back(next);
+                    }
+                }
+            }
+        }
+    }
+
+    fn neighbours(&self, cell: usize) -> [Option<usize>; 4] {
+        let (x, y) = (cell % self.width, cell / self.width);
+        [
+            (x > 0).then(|| cell - 1),
+            (x + 1 < self.width).then(|| cell + 1),
+            (y > 0).then(|| cell - self.width),
+            (y + 1 < self.height).then(|| cell + self.width),
+        ]
+    }
+
+    fn measure(&mut self) {
+        for region in &mut self.list {
+            region.extent = [u16::MAX, 0, u16::MAX, 0];
+        }
+        for (cell, region) in self.cell.iter().enumerate().filter(|(_, r)| **r != NO_REGION) {
+            let (x, y) = ((cell % self.width) as u16, (cell / self.width) as u16);
+            let region = &mut self.list[usize::from(*region)];
+            region.cells += 1;
+            let [x0, x1, y0, y1] = region.extent;
+            region.extent = [x0.min(x), x1.max(x), y0.min(y), y1.max(y)];
+        }
+        for region in self.list.iter_mut().filter(|r| r.cells == 0) {
+            region.extent = [0; 4];
+        }
+    }
+}

@@ -1,0 +1,119 @@
+//! Keypoint classes and verdicts.
+
+use super::{CELL_PX, FrameFilter, NO_REGION, RegionKind, Regions};
+use crate::config::Rule;
+use crate::context::Context;
+use crate::input::FrameInput;
+use crate::observation::Observation;
+use crate::report::{KeypointClass, RegionState, Verdict};
+
+/// Class and region of each keypoint, from its own pixel; the region of an unknown keypoint is its cell's or that of a
+/// cell beside it.
+pub(super) fn classify(
+    ctx: &Context,
+    input: &FrameInput,
+    obs: &Observation,
+    regions: &Regions,
+) -> (Vec<KeypointClass>, Vec<Option<usize>>) {
+    let Some(mask) = input.panoptic.as_deref() else {
+        return (vec![KeypointClass::Stuff; obs.len()], vec![None; obs.len()]);
+    };
+    let one = |i: usize| match mask.segment(obs.label[i]) {
+        None => (KeypointClass::Unknown, unknown_region(regions, obs.raw_pixel[i])),
+        Some(segment) => {
+            let region = regions.list.iter().position(|r| r.kind != RegionKind::Unknown && r.segment == segment.id);
+            let class = if ctx.people.contains(&segment.category) {
+                KeypointClass::Person
+            } else if region.is_some() {
+                KeypointClass::Thing
+            } else {
+                KeypointClass::Stuff
+            };
+            (class, region)
+        }
+    };
+    (0..obs.len()).map(one).unzip()
+}
+
+fn unknown_region(regions: &Regions, pixel: [f64; 2]) -> Option<usize> {
+    let cell = regions.cell_at(pixel)?;
+    let (x, y) = ((cell % regions.width) as i64, (cell / regions.width) as i64);
+    let around = [(0, 0), (-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, -1), (-1, 1), (1, 1)];
+    around.into_iter().find_map(|(dx, dy)| {
+        let (x, y) = (x + dx, y + dy);
+        let inside = x >= 0 && y >= 0 && x < regions.width as i64 && y < regions.height as i64;
+        let region = if inside { regions.cell[y as usize * regions.width + x as usize] } else { NO_REGION };
+        let known = regions.list.get(usize::from(region)).filter(|r| r.kind == RegionKind::Unknown);
+        known.map(|_| usize::from(region))
+    })
+}
+
+/// Verdicts from classes, region states and, under the paper's rule, epipolar distances.
+pub(super) fn decide(ctx: &Context, obs: &Observation, frame: &mut FrameFilter) {
+    let near_mover = near_movers(ctx, frame);
+    for i in 0..obs.len() {
+        let own = match ctx.config.panoptic.rule {
+            Rule::Paper => by_epipolar_distance(ctx, frame, i),
+            Rule::Geometric => by_region(ctx, frame, i),
+        };
+        let cell = frame.regions.cell_at(obs.raw_pixel[i]);
+        let border = own == Verdict::Static && cell.is_some_and(|c| near_mover[c]);
+        frame.verdict[i] = if border { Verdict::Border } else { own };
+    }
+}
+
+fn by_region(ctx: &Context, frame: &FrameFilter, i: usize) -> Verdict {
+    let p = &ctx.config.panoptic;
+    let state = frame.region[i].map_or(RegionState::New, |r| frame.tracks[r].state);
+    match (frame.class[i], state) {
+        (KeypointClass::Person, _) if p.people => Verdict::Person,
+        (KeypointClass::Thing, RegionState::Dynamic) if p.things => Verdict::ThingDynamic,
+        (KeypointClass::Thing, RegionState::New) if p.things => Verdict::ThingNew,
+        (KeypointClass::Unknown, RegionState::Dynamic) if p.unknown => Verdict::UnknownDynamic,
+        (KeypointClass::Unknown, RegionState::New) if p.unknown => Verdict::UnknownNew,
+        _ => Verdict::Static,
+    }
+}
+
+/// The paper's rule. Without a fundamental matrix only people are filtered.
+fn by_epipolar_distance(ctx: &Context, frame: &FrameFilter, i: usize) -> Verdict {
+    let p = &ctx.config.panoptic;
+    if frame.class[i] == KeypointClass::Person && p.people {
+        return Verdict::Person;
+    }
+    if frame.epipolar.is_none() {
+        return Verdict::Static;
+    }
+    let distance = frame.epipolar_px[i];
+    let is_new = frame.region[i].is_none_or(|r| frame.tracks[r].age == 0);
+    match frame.class[i] {
+        KeypointClass::Thing if p.things && is_new => Verdict::ThingNew,
+        KeypointClass::Thing if p.things && distance > p.epipolar.distance_px => Verdict::ThingDynamic,
+        KeypointClass::Unknown if p.unknown && distance.is_nan() => Verdict::UnknownNew,
+        KeypointClass::Unknown if p.unknown && distance > p.epipolar.distance_px => Verdict::UnknownDynamic,
+        _ => Verdict::Static,
+    }
+}
+
+/// Cells within `border_px` of a cell that is or just was a person or a mover. The paper has no margin.
+fn near_movers(ctx: &Context, frame: &FrameFilter) -> Vec<bool> {
+    let (width, height) = (frame.regions.width, frame.regions.height);
+    let hot: Vec<bool> = frame.heat.iter().map(|heat| *heat > 0).collect();
+    if ctx.config.panoptic.rule == Rule::Paper {
+        return vec![false; hot.len()];
+    }
+    let reach = (ctx.config.panoptic.motion.border_px as usize).div_ceil(CELL_PX);
+    // A square is a row of rows: dilate along x, then along y.
+    let along = |source: &[bool], length: usize, step: usize, count: usize, stride: usize| {
+        let mut out = vec![false; source.len()];
+        for line in 0..count {
+            for k in 0..length {
+                let (from, to) = (k.saturating_sub(reach), (k + reach).min(length - 1));
+                out[line * stride + k * step] = (from..=to).any(|k| source[line * stride + k * step]);
+            }
+        }
+        out
+    };
+    let wide = along(&hot, width, 1, height, width);
+    along(&wide, height, width, width, 1)
+}

@@ -1,0 +1,58 @@
+//! What can be done with a frame alone: a pure function that a pool may run ahead of tracking.
+
+use std::sync::Arc;
+
+use slam_vision::{OrbExtractor, Workspace};
+
+use super::SlamError;
+use crate::config::Config;
+use crate::context::Context;
+use crate::input::{FrameInput, Setup};
+use crate::observation::Observation;
+
+/// Turns frames into observations. Cheap to clone, shared by threads.
+#[derive(Clone)]
+pub struct FrontEnd {
+    ctx: Arc<Context>,
+    extractor: Arc<OrbExtractor>,
+}
+
+impl FrontEnd {
+    pub(super) fn new(config: &Config, setup: &Setup) -> Result<Self, SlamError> {
+        setup.camera.validate()?;
+        let extractor = OrbExtractor::new(&config.orb.to_extractor())?;
+        let ctx = Context::new(config, setup, extractor.scales());
+        Ok(Self { ctx: Arc::new(ctx), extractor: Arc::new(extractor) })
+    }
+
+    /// Configuration, calibration and tables.
+    #[must_use]
+    pub fn context(&self) -> &Context {
+        &self.ctx
+    }
+
+    /// Features of a frame with depth and labels. `workspace` only saves allocations.
+    ///
+    /// # Errors
+    /// Pictures of another size than the calibration's.
+    pub fn observe(&self, input: &FrameInput, workspace: &mut Workspace) -> Result<Observation, SlamError> {
+        self.check_size(input, "picture", input.gray.width, input.gray.height)?;
+        if let Some(depth) = &input.depth {
+            self.check_size(input, "depth image", depth.width, depth.height)?;
+        }
+        if let Some(mask) = &input.panoptic {
+            self.check_size(input, "panoptic mask", mask.width, mask.height)?;
+        }
+        let features = self.extractor.extract_with(&input.gray, workspace);
+        Ok(Observation::new(features, input, &self.ctx.camera, &self.ctx.config.sensor))
+    }
+
+    fn check_size(&self, input: &FrameInput, what: &'static str, width: usize, height: usize) -> Result<(), SlamError> {
+        let camera = &self.ctx.camera;
+        if width == camera.width as usize && height == camera.height as usize {
+            return Ok(());
+        }
+        let (expected_width, expected_height) = (camera.width, camera.height);
+        Err(SlamError::Size { frame: input.id.0, what, width, height, expected_width, expected_height })
+    }
+}

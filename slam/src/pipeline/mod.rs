@@ -1,0 +1,188 @@
+//! One frame after the other: the order of the stages, and who owns the state.
+
+mod doubts;
+mod front_end;
+mod record;
+mod step;
+mod trajectory;
+
+use std::sync::Arc;
+
+use slam_math::{FrameId, MapId, Se3};
+use slam_vision::{PlaceIndex, VisionError};
+
+pub use front_end::FrontEnd;
+pub use trajectory::TrajectoryPose;
+
+use crate::config::Config;
+use crate::context::Context;
+use crate::input::{FrameInput, Setup};
+use crate::map::Map;
+use crate::mapping::YoungPoints;
+use crate::observation::Observation;
+use crate::panoptic::PanopticFilter;
+use crate::report::{FrameReport, TrackingState};
+use crate::tracking::{LocalMap, TrackedFrame};
+
+/// Why a slam can't be made or a frame can't be taken.
+#[derive(Debug, thiserror::Error)]
+pub enum SlamError {
+    /// The calibration or the feature settings make no sense.
+    #[error(transparent)]
+    Vision(#[from] VisionError),
+    /// A picture of another size than the calibration's.
+    #[error("frame {frame}: the {what} has {width} x {height} pixels, the calibration {expected_width} x {expected_height}")]
+    Size {
+        /// Which frame.
+        frame: u32,
+        /// Which picture.
+        what: &'static str,
+        /// Its width.
+        width: usize,
+        /// Its height.
+        height: usize,
+        /// Width in the calibration.
+        expected_width: u32,
+        /// Height in the calibration.
+        expected_height: u32,
+    },
+    /// Frames must come in order.
+    #[error("frame {got} came when frame {expected} was due")]
+    Order {
+        /// What came.
+        got: u32,
+        /// What was due.
+        expected: u32,
+    },
+}
+
+/// A piece of work inside a frame, for whoever measures time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Work {
+    /// Panoptic filter: labels, regions, association.
+    Label,
+    /// Pose by motion model, reference keyframe or relocalisation.
+    Predict,
+    /// Panoptic filter: evidence and verdicts.
+    Judge,
+    /// Local map search and final pose.
+    LocalMap,
+    /// Keyframe, local mapping, bundle adjustment.
+    Mapping,
+    /// Digests and report.
+    Report,
+}
+
+impl Work {
+    /// All pieces in order.
+    pub const ALL: [Self; 6] =
+        [Self::Label, Self::Predict, Self::Judge, Self::LocalMap, Self::Mapping, Self::Report];
+
+    /// Name for tables.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Label => "panoptic label",
+            Self::Predict => "predict pose",
+            Self::Judge => "panoptic judge",
+            Self::LocalMap => "local map",
+            Self::Mapping => "mapping",
+            Self::Report => "report",
+        }
+    }
+}
+
+/// Is told when a piece of work is done. The slam itself reads no clock.
+pub trait Observer {
+    /// `work` has just ended.
+    fn done(&mut self, work: Work);
+}
+
+/// Nobody measures.
+pub struct Unobserved;
+
+impl Observer for Unobserved {
+    fn done(&mut self, _work: Work) {}
+}
+
+/// The slam: its state and nothing else.
+pub struct Slam {
+    front_end: FrontEnd,
+    map: Map,
+    places: PlaceIndex,
+    filter: PanopticFilter,
+    young: YoungPoints,
+    tracker: Tracker,
+    frames: Vec<trajectory::Entry>,
+    /// Local map of the frame in work, between tracking and map upkeep.
+    last_local: Option<LocalMap>,
+}
+
+/// What tracking carries from frame to frame.
+#[derive(Debug, Clone, Default)]
+struct Tracker {
+    state: TrackingState,
+    active: MapId,
+    next_map: MapId,
+    last: Option<TrackedFrame>,
+    /// `last_from_before_last` in camera frames: motion per frame.
+    velocity: Option<Se3>,
+    last_keyframe: FrameId,
+    relocalized_at: Option<FrameId>,
+    /// Frames since the track was lost, and those of them with a usable picture.
+    lost_frames: u32,
+    lost_usable_frames: u32,
+}
+
+impl Slam {
+    /// A slam that has seen nothing.
+    ///
+    /// # Errors
+    /// When calibration or feature settings make no sense.
+    pub fn new(config: &Config, setup: &Setup) -> Result<Self, SlamError> {
+        Ok(Self {
+            front_end: FrontEnd::new(config, setup)?,
+            map: Map::default(),
+            places: PlaceIndex::new(),
+            filter: PanopticFilter::default(),
+            young: YoungPoints::default(),
+            tracker: Tracker::default(),
+            frames: Vec::new(),
+            last_local: None,
+        })
+    }
+
+    /// The part that works on a frame alone: features ahead of time, on any thread.
+    #[must_use]
+    pub fn front_end(&self) -> &FrontEnd {
+        &self.front_end
+    }
+
+    /// The map as it is now.
+    #[must_use]
+    pub fn map(&self) -> &Map {
+        &self.map
+    }
+
+    /// Configuration, calibration and tables.
+    #[must_use]
+    pub fn context(&self) -> &Context {
+        self.front_end.context()
+    }
+
+    /// Takes the next frame with its observation from [`FrontEnd::observe`].
+    ///
+    /// # Errors
+    /// Frames out of order.
+    pub fn step(
+        &mut self,
+        input: &FrameInput,
+        obs: Arc<Observation>,
+        observer: &mut dyn Observer,
+    ) -> Result<FrameReport, SlamError> {
+        if input.id.index() != self.frames.len() {
+            return Err(SlamError::Order { got: input.id.0, expected: self.frames.len() as u32 });
+        }
+        Ok(step::Step::new(self, input, obs, observer).run())
+    }
+}

@@ -1,0 +1,115 @@
+//! Matching against the neighbourhood of the camera.
+
+use std::collections::BTreeMap;
+
+use slam_math::{KeyFrameId, MapPointId};
+
+use super::predict::depth_tolerance;
+use super::{TrackedFrame, refine_pose};
+use crate::context::Context;
+use crate::map::{Map, MapPoint};
+use crate::matching::{Limits, Query, project, search};
+
+/// Cosine of the largest angle between the mean viewing direction and the ray (60 degrees).
+const MIN_VIEW_COS: f64 = 0.5;
+/// A point's scale range is stretched by a fifth at both ends.
+const RANGE_SLACK: f64 = 1.2;
+
+/// Keyframes and points around a frame.
+#[derive(Debug, Clone, Default)]
+pub struct LocalMap {
+    /// Keyframe with the most shared points.
+    pub reference: Option<KeyFrameId>,
+    /// Points of the neighbourhood, by id.
+    pub points: Vec<MapPointId>,
+    /// Points that should be visible in the frame: `(point, pixel, depth in metres)`.
+    pub in_view: Vec<(MapPointId, [f64; 2], f64)>,
+}
+
+impl LocalMap {
+    /// Keyframes that share points with the frame, their neighbours in graph and tree, and all their points.
+    #[must_use]
+    pub fn around(ctx: &Context, map: &Map, frame: &TrackedFrame) -> Self {
+        let mut votes: BTreeMap<KeyFrameId, u32> = BTreeMap::new();
+        for (_, id) in frame.matches() {
+            for sighting in map.point(id).iter().flat_map(|p| &p.seen_in) {
+                *votes.entry(sighting.keyframe).or_default() += 1;
+            }
+        }
+        if votes.is_empty() {
+            votes.insert(frame.reference, 1);
+        }
+        let mut order: Vec<(KeyFrameId, u32)> = votes.into_iter().collect();
+        order.sort_by_key(|(id, n)| (std::cmp::Reverse(*n), *id));
+        let limit = ctx.config.tracking.local_keyframes;
+        order.truncate(limit);
+        let mut keyframes: Vec<KeyFrameId> = order.iter().map(|(id, _)| *id).collect();
+        for (id, _) in &order {
+            let Some(keyframe) = map.keyframe(*id) else { continue };
+            let neighbour = keyframe.best_covisible(10).find(|n| !keyframes.contains(n));
+            let child = keyframe.children.iter().copied().find(|c| !keyframes.contains(c));
+            for extra in [neighbour, child, keyframe.parent].into_iter().flatten() {
+                if keyframes.len() < limit && !keyframes.contains(&extra) {
+                    keyframes.push(extra);
+                }
+            }
+        }
+        let mut points: Vec<MapPointId> =
+            keyframes.iter().filter_map(|id| map.keyframe(*id)).flat_map(|k| k.points.iter().flatten().copied()).collect();
+        points.sort_unstable();
+        points.dedup();
+        Self { reference: order.first().map(|(id, _)| *id), points, in_view: Vec::new() }
+    }
+
+    fn find_in_view(&mut self, ctx: &Context, map: &Map, frame: &TrackedFrame) -> Vec<Query<MapPointId>> {
+        let center = frame.camera_from_world.inverse().translation;
+        let mut matched: Vec<MapPointId> = frame.matches().map(|(_, id)| id).collect();
+        matched.sort_unstable();
+        let mut queries = Vec::new();
+        self.in_view.clear();
+        for point in self.points.iter().filter_map(|id| map.point(*id)) {
+            let Some((pixel, z)) = project(&ctx.camera, &frame.camera_from_world, &point.position) else { continue };
+            let Some((octave, cos)) = appearance(ctx, point, &center) else { continue };
+            self.in_view.push((point.id, pixel, z));
+            if matched.binary_search(&point.id).is_ok() {
+                continue;
+            }
+            let width = if cos > 0.998 { 2.5 } else { 4.0 };
+            let radius = width * ctx.config.tracking.local_radius * ctx.scales[usize::from(octave)];
+            queries.push(Query {
+                key: point.id,
+                pixel,
+                radius,
+                octaves: [octave.saturating_sub(1), octave],
+                depth_m: Some((z, depth_tolerance(ctx, z, radius))),
+                descriptor: point.descriptor,
+            });
+        }
+        queries
+    }
+}
+
+/// Pyramid level on which a point should appear, and cosine to its mean viewing direction; `None` when it can't be
+/// recognised from there.
+pub(crate) fn appearance(ctx: &Context, point: &MapPoint, center: &nalgebra::Vector3<f64>) -> Option<(u8, f64)> {
+    let ray = point.position - center;
+    let distance = ray.norm();
+    let [nearest, farthest] = point.range_m;
+    if distance < nearest / RANGE_SLACK || distance > farthest * RANGE_SLACK {
+        return None;
+    }
+    let cos = ray.dot(&point.normal) / distance;
+    (cos >= MIN_VIEW_COS).then(|| (ctx.predict_octave(farthest, distance), cos))
+}
+
+/// Finds local points among the frame's free keypoints and optimises the pose. Returns matches and inliers.
+pub fn track_local_map(ctx: &Context, map: &Map, local: &mut LocalMap, frame: &mut TrackedFrame) -> (u32, u32) {
+    let queries = local.find_in_view(ctx, map, frame);
+    let t = &ctx.config.tracking;
+    let limits = Limits { hamming: t.hamming_high, ratio: t.ratio };
+    let free = |i: usize| frame.usable[i] && frame.points[i].is_none();
+    for m in search(&frame.obs, &queries, limits, free) {
+        frame.points[m.index as usize] = Some(m.key);
+    }
+    (frame.match_count(), refine_pose(ctx, map, frame))
+}

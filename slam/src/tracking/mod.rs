@@ -1,0 +1,73 @@
+//! Where is the camera? Motion model, reference keyframe, local map, and what to do when all fail.
+
+mod keyframe_policy;
+mod local_map;
+mod pose;
+mod predict;
+mod relocalize;
+
+use std::sync::Arc;
+
+use slam_math::{FrameId, KeyFrameId, MapPointId, Se3, Stamp};
+
+pub use keyframe_policy::{KeyframeNeed, keyframe_needed};
+pub(crate) use local_map::appearance;
+pub use local_map::{LocalMap, track_local_map};
+pub use pose::refine_pose;
+pub use predict::{track_motion_model, track_reference};
+pub use relocalize::{Relocalized, relocalize};
+
+use crate::map::Map;
+use crate::observation::Observation;
+
+/// A frame that is being or has been tracked.
+#[derive(Debug, Clone)]
+pub struct TrackedFrame {
+    /// Which frame.
+    pub id: FrameId,
+    /// Sensor time.
+    pub stamp: Stamp,
+    /// What the sensor said.
+    pub obs: Arc<Observation>,
+    /// Keypoints that tracking may use.
+    pub usable: Vec<bool>,
+    /// Map point of each keypoint.
+    pub points: Vec<Option<MapPointId>>,
+    /// Pose.
+    pub camera_from_world: Se3,
+    /// Keyframe that shares the most points.
+    pub reference: KeyFrameId,
+    /// Pose relative to the reference, which bundle adjustment may move later.
+    pub camera_from_reference: Se3,
+}
+
+impl TrackedFrame {
+    /// Follows the reference keyframe and merged points: what the map says about this frame now.
+    pub fn update_from(&mut self, map: &Map) {
+        if let Some((reference_from_world, _)) = map.pose_of(self.reference) {
+            self.camera_from_world = self.camera_from_reference * reference_from_world;
+        }
+        for point in &mut self.points {
+            *point = point.and_then(|id| map.current_point(id));
+        }
+    }
+
+    /// Sets the reference and the pose relative to it.
+    pub fn refer_to(&mut self, reference: KeyFrameId, map: &Map) {
+        if let Some((reference_from_world, _)) = map.pose_of(reference) {
+            self.reference = reference;
+            self.camera_from_reference = self.camera_from_world * reference_from_world.inverse();
+        }
+    }
+
+    /// Matched keypoints.
+    pub fn matches(&self) -> impl Iterator<Item = (usize, MapPointId)> {
+        self.points.iter().enumerate().filter_map(|(i, p)| p.map(|p| (i, p)))
+    }
+
+    /// Number of matched keypoints.
+    #[must_use]
+    pub fn match_count(&self) -> u32 {
+        self.matches().count() as u32
+    }
+}

@@ -1,0 +1,115 @@
+//! First guess of a frame's pose: constant velocity, or the reference keyframe.
+
+use slam_math::Se3;
+use slam_vision::hamming;
+
+use super::{TrackedFrame, refine_pose};
+use crate::context::Context;
+use crate::map::{KeyFrame, Map};
+use crate::matching::{Limits, Match, Query, consistent_rotation, project, search};
+
+/// Matches the last frame's points around the predicted pose and optimises it. Returns matches and inliers.
+pub fn track_motion_model(
+    ctx: &Context,
+    map: &Map,
+    last: &TrackedFrame,
+    predicted: &Se3,
+    frame: &mut TrackedFrame,
+) -> (u32, u32) {
+    let t = &ctx.config.tracking;
+    for factor in [1.0, 2.0] {
+        let matches = match_last_frame(ctx, map, last, predicted, frame, t.motion_radius_px * factor);
+        if matches.len() < t.min_motion_matches as usize {
+            continue;
+        }
+        frame.camera_from_world = *predicted;
+        frame.points.fill(None);
+        for m in &matches {
+            frame.points[m.index as usize] = last.points[m.key as usize];
+        }
+        return (matches.len() as u32, refine_pose(ctx, map, frame));
+    }
+    (0, 0)
+}
+
+fn match_last_frame(
+    ctx: &Context,
+    map: &Map,
+    last: &TrackedFrame,
+    predicted: &Se3,
+    frame: &TrackedFrame,
+    radius: f64,
+) -> Vec<Match<u32>> {
+    let mut queries = Vec::new();
+    for (i, id) in last.matches() {
+        let Some(point) = map.point(id) else { continue };
+        let Some((pixel, z)) = project(&ctx.camera, predicted, &point.position) else { continue };
+        let octave = last.obs.octave[i];
+        let radius = radius * ctx.scales[usize::from(octave)];
+        queries.push(Query {
+            key: i as u32,
+            pixel,
+            radius,
+            octaves: [octave.saturating_sub(1), octave + 1],
+            depth_m: Some((z, depth_tolerance(ctx, z, radius))),
+            descriptor: point.descriptor,
+        });
+    }
+    let limits = Limits { hamming: ctx.config.tracking.hamming_high, ratio: 1.0 };
+    let matches = search(&frame.obs, &queries, limits, |i| frame.usable[i]);
+    consistent_rotation(matches, |m| frame.obs.angle[m.index as usize] - last.obs.angle[m.key as usize])
+}
+
+/// How far the measured depth may lie from the expected one when the pixel may be off by `radius`: the field's test on
+/// the right image coordinate, written for depth.
+pub(super) fn depth_tolerance(ctx: &Context, z: f64, radius: f64) -> f64 {
+    z * z / ctx.config.sensor.bf * radius
+}
+
+/// Matches against the reference keyframe by descriptor alone and optimises from the last pose. Returns matches and
+/// inliers.
+pub fn track_reference(ctx: &Context, map: &Map, keyframe: &KeyFrame, frame: &mut TrackedFrame) -> (u32, u32) {
+    let matches = match_descriptors(ctx, keyframe, frame, 0.7);
+    if matches.len() < ctx.config.relocalization.min_matches {
+        return (matches.len() as u32, 0);
+    }
+    frame.points.fill(None);
+    for m in &matches {
+        frame.points[m.index as usize] = keyframe.points[m.key as usize];
+    }
+    (matches.len() as u32, refine_pose(ctx, map, frame))
+}
+
+/// Best frame keypoint for each keyframe keypoint that has a map point, over the whole picture, with ratio test, mutual
+/// choice and rotation check. The key is the keyframe's keypoint.
+pub(super) fn match_descriptors(
+    ctx: &Context,
+    keyframe: &KeyFrame,
+    frame: &TrackedFrame,
+    ratio: f64,
+) -> Vec<Match<u32>> {
+    let candidates: Vec<usize> = (0..frame.obs.len()).filter(|i| frame.usable[*i]).collect();
+    let mut owner: Vec<Option<(u32, u32)>> = vec![None; frame.obs.len()];
+    for (key, _) in keyframe.points.iter().enumerate().filter(|(_, p)| p.is_some()) {
+        let wanted = &keyframe.obs.descriptor[key];
+        let (mut first, mut second) = ((u32::MAX, 0), u32::MAX);
+        for &i in &candidates {
+            let candidate = (hamming(wanted, &frame.obs.descriptor[i]), i);
+            if candidate < first {
+                (second, first) = (first.0, candidate);
+            } else if candidate.0 < second {
+                second = candidate.0;
+            }
+        }
+        let sure = first.0 <= ctx.config.tracking.hamming_low && f64::from(first.0) <= ratio * f64::from(second);
+        let claim = (first.0, key as u32);
+        if sure && owner[first.1].is_none_or(|holder| claim < holder) {
+            owner[first.1] = Some(claim);
+        }
+    }
+    let claims = owner.iter().enumerate();
+    let matches = claims
+        .filter_map(|(i, o)| o.map(|(distance, key)| Match { key, index: i as u32, distance }))
+        .collect();
+    consistent_rotation(matches, |m| frame.obs.angle[m.index as usize] - keyframe.obs.angle[m.key as usize])
+}
