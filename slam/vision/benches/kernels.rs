@@ -1,6 +1,7 @@
 //! Times of the vision kernels on one core: `cargo bench -p slam-vision`.
 //!
 //! The picture is a seeded collage of rectangles with noise: corners on every level, no recording needed.
+#![allow(clippy::unwrap_used, reason = "the settings are constants")]
 
 #[path = "../tests/common/mod.rs"]
 mod common;

@@ -1,7 +1,7 @@
 //! What the SLAM sees of an image: ORB features, camera geometry, keypoint look-up and place recognition.
 //!
-//! Every kernel that touches pixels or descriptors computes with integers; [`Kernels`] picks code for the CPU at run
-//! time, and the results are the same bits everywhere. The pieces, in the order a frame meets them:
+//! [`Kernels`] picks code for the CPU at run time; the results are the same bits everywhere. The pieces, in the order a
+//! frame meets them:
 //!
 //! * [`gray_from_rgb`]: brightness of a colour image.
 //! * [`OrbExtractor`]: corners over an image pyramid with a direction and a 256-bit descriptor.
@@ -9,6 +9,17 @@
 //! * [`KeypointGrid`]: which keypoints lie near a pixel.
 //! * [`hamming`], [`hamming_many`], [`hamming_at`]: distance between descriptors.
 //! * [`PlaceIndex`]: which keyframes show the same place.
+//!
+//! ```
+//! use slam_vision::{OrbConfig, OrbExtractor, Workspace, gray_from_rgb};
+//!
+//! let extractor = OrbExtractor::new(&OrbConfig { features: 300, ..OrbConfig::default() })?;
+//! let mut workspace = Workspace::default();
+//! let rgb: Vec<u8> = (0..200 * 150 * 3u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+//! let features = extractor.extract_with(&gray_from_rgb(&rgb, 200, 150)?, &mut workspace);
+//! assert_eq!(features.pixel.len(), features.descriptor.len());
+//! # Ok::<(), slam_vision::VisionError>(())
+//! ```
 
 mod camera;
 mod descriptor;

@@ -57,7 +57,8 @@ pub(super) fn resize_row(
         *blend = u32::from(above) * (ONE - weight_below) + u32::from(below) * weight_below;
     }
     for (out, column) in out.iter_mut().zip(columns) {
-        let [left, right] = [blend[column.first as usize], blend[column.first as usize + 1]];
+        let neighbours = &blend[column.first as usize..][..2];
+        let (left, right) = (neighbours[0], neighbours[1]);
         let sum = left * (ONE - column.weight_next) + right * column.weight_next;
         *out = ((sum + (1 << (2 * WEIGHT_BITS - 1))) >> (2 * WEIGHT_BITS)) as u8;
     }

@@ -38,3 +38,31 @@ impl Pyramid {
         target
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_shrink_by_the_factor_and_keep_the_mean() {
+        let ramp: Vec<u8> = (0..640 * 480).map(|i| (i % 640 * 255 / 639) as u8).collect();
+        let base = GrayImage::from_vec(640, 480, ramp).unwrap();
+        let sizes = [(533, 400), (444, 333), (370, 278), (309, 231), (257, 193), (214, 161), (179, 134)];
+        let (mut pyramid, mut scale) = (Pyramid::default(), 1.0);
+        for (octave, size) in (1..).zip(sizes) {
+            scale *= 1.2;
+            let level = pyramid.level(Kernels::detect(), &base, octave, scale);
+            assert_eq!((level.width, level.height), size);
+            let row = level.row(size.1 / 2);
+            assert!(row.is_sorted() && row[0] < 2 && row[size.0 - 1] > 253, "octave {octave}: a ramp stays a ramp");
+        }
+    }
+
+    #[test]
+    fn a_line_of_pixels_shrinks_to_nothing() {
+        let base = GrayImage::new(7, 1, 9);
+        let mut pyramid = Pyramid::default();
+        assert!(pyramid.level(Kernels::detect(), &base, 1, 1.2).data.is_empty());
+        assert!(pyramid.level(Kernels::detect(), &base, 2, 1.44).data.is_empty());
+    }
+}

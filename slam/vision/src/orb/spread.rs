@@ -21,7 +21,8 @@ struct Node {
 ///
 /// The rectangles of a quadtree are split level by level, within a level the fullest first (ties: upper, then left
 /// one first), until there are `quota` of them or each holds one corner. The best corner of each stays: highest score,
-/// then smallest y, then x. The last split may give up to three corners too many: the weakest go.
+/// then smallest y, then x. The last split may give up to three corners too many: the weakest of the smallest
+/// rectangles go, where corners crowd.
 pub(super) fn spread(corners: &mut Vec<Corner>, width: usize, height: usize, quota: usize) {
     let mut nodes = roots(corners, width as u32, height as u32);
     let rank = |nodes: &[Node], index: usize| {
@@ -47,12 +48,15 @@ pub(super) fn spread(corners: &mut Vec<Corner>, width: usize, height: usize, quo
         // A split rectangle keeps no corners of its own.
         nodes[index].end = nodes[index].first;
     }
-    let best = |node: &Node| corners[node.first..node.end].iter().copied().max_by_key(strength);
-    let mut kept: Vec<Corner> = nodes.iter().filter_map(best).collect();
-    kept.sort_unstable_by_key(|corner| Reverse(strength(corner)));
+    let best = |node: &Node| {
+        let corner = corners[node.first..node.end].iter().copied().max_by_key(strength)?;
+        Some((node.depth, Reverse(strength(&corner)), corner))
+    };
+    let mut kept: Vec<_> = nodes.iter().filter_map(best).collect();
+    kept.sort_unstable_by_key(|&(depth, weakness, _)| (depth, weakness));
     kept.truncate(quota);
-    kept.sort_unstable_by_key(|corner| (corner.y, corner.x));
-    *corners = kept;
+    *corners = kept.into_iter().map(|(.., corner)| corner).collect();
+    corners.sort_unstable_by_key(|corner| (corner.y, corner.x));
 }
 
 /// Total order: the score, then the upper, then the left corner.
@@ -103,4 +107,47 @@ fn partition(corners: &mut [Corner], goes_first: impl Fn(&Corner) -> bool) -> us
         }
     }
     count
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use slam_math::Rng;
+
+    fn corners(count: usize, width: usize, height: usize) -> Vec<Corner> {
+        let mut rng = Rng::at(4, 0, 0, 0);
+        let mut all: Vec<Corner> = (0..count)
+            .map(|_| Corner { x: rng.below(width) as u32, y: rng.below(height) as u32, score: 1 + rng.below(9) as u8 })
+            .collect();
+        all.sort_unstable_by_key(|corner| (corner.y, corner.x));
+        all.dedup_by_key(|corner| (corner.y, corner.x));
+        all
+    }
+
+    #[test]
+    fn keeps_the_quota_whatever_the_order_of_the_corners() {
+        for (width, height) in [(640, 480), (64, 480), (1000, 50)] {
+            let all = corners(3000, width, height);
+            for quota in [0, 1, 2, 7, 100, 217, 2000, 5000] {
+                let (mut kept, mut reversed) = (all.clone(), all.iter().rev().copied().collect());
+                spread(&mut kept, width, height, quota);
+                spread(&mut reversed, width, height, quota);
+                assert_eq!(kept, reversed);
+                assert_eq!(kept.len(), quota.min(all.len()), "{width} x {height}, quota {quota}");
+                assert!(kept.iter().all(|corner| all.contains(corner)));
+            }
+        }
+    }
+
+    #[test]
+    fn a_crowd_in_one_place_leaves_the_rest_of_the_image_its_share() {
+        let mut all = corners(5000, 60, 60);
+        all.iter_mut().for_each(|corner| corner.score = 9);
+        let lonely: Vec<Corner> =
+            (0..40).map(|i| Corner { x: 110 + i % 8 * 64, y: 80 + i / 8 * 80, score: 1 }).collect();
+        all.extend(&lonely);
+        spread(&mut all, 640, 480, 200);
+        assert!(lonely.iter().all(|corner| all.contains(corner)), "weak corners on their own stay");
+        assert_eq!(all.len(), 200);
+    }
 }

@@ -1,5 +1,6 @@
 //! Pictures for tests and benchmarks.
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its own part")]
+#![allow(clippy::unwrap_used, reason = "a failing helper fails its test")]
 
 use std::path::Path;
 
