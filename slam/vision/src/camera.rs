@@ -115,7 +115,7 @@ impl Camera {
 
     /// Inverse of [`Camera::distort`], by Newton's method with a counted number of steps.
     ///
-    /// Beyond the radius where the lens model folds back no inverse exists; the last iterate before the fold is
+    /// Beyond the radius where the lens model folds back no inverse exists; the iterate that met the fold is
     /// returned then. A pixel that is not finite comes back unchanged.
     #[must_use]
     pub fn undistort(&self, pixel: [f64; 2]) -> [f64; 2] {

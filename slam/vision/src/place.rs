@@ -18,12 +18,12 @@ const BUCKETS: usize = 1 << 16;
 const MAX_DISTANCE: u32 = 64;
 /// A bucket with more entries than this says nothing about the place and is skipped.
 const MAX_BUCKET: u32 = 512;
-/// Descriptors kept per keyframe, spread evenly over the given list; 68 bytes each.
+/// Descriptors kept per keyframe, spread evenly over the given list; 76 bytes each.
 const MAX_DESCRIPTORS: usize = 500;
 /// End of a chain.
 const NIL: u32 = u32::MAX;
 
-/// Index over the descriptors of keyframes. Takes 68 bytes a descriptor (at most 500 a keyframe) plus 4 MiB.
+/// Index over the descriptors of keyframes. Takes 76 bytes a descriptor (at most 500 a keyframe) plus 4 MiB.
 #[derive(Debug, Clone)]
 pub struct PlaceIndex {
     /// Keyframe id -> its entries.
