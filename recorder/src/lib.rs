@@ -4,11 +4,13 @@
 //! - [`RgbdLog`]: the same with the project's topics and metadata for a colour-depth camera: what importers, renderers
 //!   and sensors write through.
 //! - [`import`]: data set folders to logs.
+//! - [`recover`]: a damaged log to a valid one, with a list of what is lost.
 //! - [`picture`]: PNG and JPEG files at the border of a log.
 
 pub mod import;
 mod log_writer;
 pub mod picture;
+pub mod recover;
 mod rgbd;
 
 pub use log_writer::{ChannelId, LogOptions, LogWriter, WriteError};

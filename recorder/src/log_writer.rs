@@ -120,7 +120,14 @@ impl LogWriter {
     /// # Errors
     /// Something stands there (and `force` is off), or the file system refuses.
     pub fn create(path: &Path, options: &LogOptions) -> Result<Self, WriteError> {
-        let partial = partial_path(path);
+        Self::create_as(path, "partial", options)
+    }
+
+    /// As [`LogWriter::create`] with another suffix than `partial` for the unfinished file.
+    pub(crate) fn create_as(path: &Path, suffix: &str, options: &LogOptions) -> Result<Self, WriteError> {
+        let mut partial = path.as_os_str().to_owned();
+        partial.push(format!(".{suffix}"));
+        let partial = PathBuf::from(partial);
         if !options.force {
             if path.exists() {
                 return Err(WriteError::Exists(path.to_owned()));
@@ -238,8 +245,11 @@ impl LogWriter {
     pub fn attach(&mut self, name: &str, media_type: &str, stamp: Stamp, data: &[u8]) -> Result<(), WriteError> {
         let time = u64::try_from(stamp.0).map_err(|_| schemas::StampError::NotRosTime(stamp.0))?;
         let (name, media_type) = (name.to_owned(), media_type.to_owned());
-        let attachment = Attachment { log_time: time, create_time: time, name, media_type, data: Cow::Borrowed(data) };
-        self.writer.attach(&attachment).map_err(|source| self.container_error(source))
+        self.attach_raw(&Attachment { log_time: time, create_time: time, name, media_type, data: Cow::Borrowed(data) })
+    }
+
+    pub(crate) fn attach_raw(&mut self, attachment: &Attachment<'_>) -> Result<(), WriteError> {
+        self.writer.attach(attachment).map_err(|source| self.container_error(source))
     }
 
     /// Closes the log: writes the index, brings all to the disk, gives the file its name. Returns its size in bytes.
@@ -306,11 +316,4 @@ impl RawSchema<'_> {
         let id = log.writer.add_schema(self.name, self.encoding, self.data);
         id.map_err(|source| log.container_error(source))
     }
-}
-
-/// `NAME.partial` beside `NAME`.
-fn partial_path(path: &Path) -> PathBuf {
-    let mut name = path.as_os_str().to_owned();
-    name.push(".partial");
-    PathBuf::from(name)
 }

@@ -158,7 +158,7 @@ mod tests {
         assert_eq!(rows.len(), 2);
         assert_eq!(rows[1].stamp, Stamp(1_300_000_000));
         assert_eq!(rows[1].quaternion, [0.0, 0.0, 0.6, 0.8]);
-        assert_eq!(repairs.0.values().sum::<u64>(), 4);
+        assert_eq!(repairs.0.values().sum::<u64>(), 3);
         assert!(read_poses("1 2 3\n").0.is_err());
         assert!(read_poses("1 1 2 3 0 0 0 x\n").0.is_err());
     }
