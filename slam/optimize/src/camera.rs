@@ -65,7 +65,8 @@ impl Measurement {
 
 /// Intrinsics and virtual baseline: everything that turns a point into a measurement.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct DepthCamera {
+pub struct DepthCamera {
+    /// Intrinsics.
     pub pinhole: Pinhole,
     /// Baseline times fx, metres * pixels.
     pub bf: f64,
@@ -99,7 +100,7 @@ impl DepthCamera {
     }
 
     /// Residual and derivatives by the point in the camera's frame.
-    pub fn linearize(&self, x: &Vector3<f64>, m: &Measurement) -> Option<Linearized> {
+    pub(crate) fn linearize(&self, x: &Vector3<f64>, m: &Measurement) -> Option<Linearized> {
         let e = self.residual(x, m)?;
         let chi2 = chi2_of(&e, m);
         if !chi2.is_finite() {
@@ -169,4 +170,80 @@ pub(crate) fn pose_point(n: &Matrix3<f64>, x: &Vector3<f64>) -> Matrix6x3<f64> {
 
 fn cross(x: &Vector3<f64>, v: [f64; 3]) -> [f64; 3] {
     [x[1] * v[2] - x[2] * v[1], x[2] * v[0] - x[0] * v[2], x[0] * v[1] - x[1] * v[0]]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Matrix3x6, SMatrix};
+    use proptest::prelude::*;
+    use slam_math::Se3;
+
+    const CAMERA: DepthCamera =
+        DepthCamera { pinhole: Pinhole { fx: 535.4, fy: 539.2, cx: 320.1, cy: 247.6 }, bf: 40.0 };
+
+    /// Jacobian of the residual by central differences of `moved`, a point in the camera's frame after a small change.
+    fn numeric<const N: usize>(
+        m: &Measurement,
+        moved: impl Fn(&SMatrix<f64, N, 1>) -> Vector3<f64>,
+    ) -> SMatrix<f64, 3, N> {
+        let step = 1e-6;
+        SMatrix::from_fn(|r, c| {
+            let mut delta = SMatrix::<f64, N, 1>::zeros();
+            delta[c] = step;
+            let (plus, minus) = (CAMERA.residual(&moved(&delta), m), CAMERA.residual(&moved(&-delta), m));
+            (plus.unwrap()[r] - minus.unwrap()[r]) / (2.0 * step)
+        })
+    }
+
+    fn close<const R: usize, const C: usize>(a: &SMatrix<f64, R, C>, b: &SMatrix<f64, R, C>) -> bool {
+        (a - b).norm() <= 1e-6 * (1.0 + b.norm())
+    }
+
+    proptest! {
+        #[test]
+        fn every_block_equals_finite_differences(
+            point in [-2.0..2.0f64, -1.5..1.5, 0.5..6.0],
+            twist in proptest::array::uniform6(-0.1..0.1f64),
+            offset in proptest::array::uniform3(-20.0..20.0f64),
+            weights in [0.1..2.0f64, 0.1..2.0],
+            stereo: bool,
+        ) {
+            let (point, pose) = (Vector3::from(point), Se3::exp(&Vector6::from(twist)));
+            let x = pose.transform(&point);
+            let [u, v] = CAMERA.pinhole.project(&x).unwrap();
+            let m = Measurement {
+                pixel: [u + offset[0], v + offset[1]],
+                u_right: stereo.then_some(u - CAMERA.bf / x[2] + offset[2]),
+                weight: weights[0],
+                weight_right: weights[1],
+            };
+            let w = Matrix3::from_diagonal(&Vector3::new(m.weight, m.weight, right_weight(&m)));
+            let e = Vector3::from(CAMERA.residual(&x, &m).unwrap());
+            let by_pose: Matrix3x6<f64> = numeric(&m, |d| (Se3::exp(d) * pose).transform(&point));
+            let by_point: Matrix3<f64> = numeric(&m, |d| pose.transform(&(point + d)));
+
+            let l = CAMERA.linearize(&x, &m).unwrap();
+            let turned = l.information * pose.rotation;
+            prop_assert!((l.chi2 - (e.transpose() * w * e)[0]).abs() < 1e-9 * (1.0 + l.chi2));
+            prop_assert!(close(&pose_information(&l.information, &x), &(by_pose.transpose() * w * by_pose)));
+            prop_assert!(close(&pose_gradient(&l.gradient, &x), &(by_pose.transpose() * w * e)));
+            prop_assert!(close(&pose_point(&turned, &x), &(by_pose.transpose() * w * by_point)));
+            prop_assert!(close(&pose.rotation.tr_mul(&turned), &(by_point.transpose() * w * by_point)));
+            prop_assert!(close(&pose.rotation.tr_mul(&l.gradient), &(by_point.transpose() * w * e)));
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_seen_has_no_residual() {
+        let m = Measurement { pixel: [320.0, 240.0], u_right: None, weight: 1.0, weight_right: 0.0 };
+        for z in [0.0, -1.0, f64::NAN, f64::NEG_INFINITY] {
+            assert!(CAMERA.chi2(&Vector3::new(0.0, 0.0, z), &m).is_none());
+        }
+        assert!(CAMERA.chi2(&Vector3::new(1e200, 0.0, 1.0), &m).is_none());
+        assert!(CAMERA.linearize(&Vector3::new(1e200, 0.0, 1.0), &m).is_none());
+        assert!(!Measurement { weight: 0.0, ..m }.is_usable());
+        assert!(!Measurement { u_right: Some(f64::NAN), ..m }.is_usable());
+        assert!(!Measurement { pixel: [f64::INFINITY, 0.0], ..m }.is_usable());
+    }
 }

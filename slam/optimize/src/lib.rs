@@ -26,7 +26,7 @@ pub mod triangulate;
 
 pub use absolute::{AbsoluteOptions, absolute_orientation_ransac};
 pub use bundle::{BaObservation, BaOptions, BaPose, BaProblem, BaReport, bundle_adjust};
-pub use camera::{Measurement, Pinhole};
+pub use camera::{DepthCamera, Measurement, Pinhole};
 pub use fundamental::{Fundamental, FundamentalOptions, epipolar_distance, fundamental_ransac, sampson_distance};
 pub use pose::{PoseObservation, PoseOptions, PoseResult, optimize_pose};
 pub use triangulate::triangulate;

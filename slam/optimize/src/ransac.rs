@@ -9,8 +9,12 @@ pub(crate) fn samples_needed(inlier_share: f64, size: u32, confidence: f64, max:
     if good >= 1.0 {
         return u32::min(1, max);
     }
-    let needed = float::ln(1.0 - confidence) / float::ln(1.0 - good);
-    // A share of zero gives infinity (or NaN for full confidence): no early end.
+    let log_bad = float::ln(1.0 - good);
+    // A share too small to be told from zero: no early end.
+    if log_bad >= 0.0 {
+        return max;
+    }
+    let needed = float::ln(1.0 - confidence) / log_bad;
     if needed < f64::from(max) { u32::max(1, needed.ceil() as u32) } else { max }
 }
 

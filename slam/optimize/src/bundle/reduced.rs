@@ -94,3 +94,96 @@ fn column(
     blocks[0] += information + Matrix6::from_diagonal(&damping);
     Column { blocks, reduced_gradient: reduced_gradient + gradient, gradient, damping }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bundle::linear::{Model, State};
+    use crate::bundle::{BaObservation, BaPose, BaProblem};
+    use crate::camera::{DepthCamera, Measurement, Pinhole};
+    use crate::robust::Gates;
+    use nalgebra::{DMatrix, DVector};
+    use slam_math::{Rng, Se3};
+
+    fn small_problem() -> BaProblem {
+        let mut rng = Rng::at(5, 0, 0, 0);
+        let camera = Pinhole { fx: 500.0, fy: 510.0, cx: 320.0, cy: 240.0 };
+        let mut pose = |fixed| {
+            let twist = Vector6::from_fn(|_, _| 0.1 * rng.normal());
+            BaPose { camera_from_world: Se3::exp(&twist), fixed }
+        };
+        let poses = vec![pose(false), pose(true), pose(false), pose(false)];
+        let points: Vec<_> = (0..7).map(|_| Vector3::new(rng.normal(), rng.normal(), 4.0 + rng.uniform())).collect();
+        let mut observations = Vec::new();
+        for (point, position) in points.iter().enumerate() {
+            for (pose, p) in poses.iter().enumerate().filter(|(pose, _)| (pose + point) % 4 != 0) {
+                let x = p.camera_from_world.transform(position);
+                let pixel = camera.project(&x).unwrap().map(|v| v + 2.0 * rng.normal());
+                let u_right = (point % 2 == 0).then_some(pixel[0] - 40.0 / x[2] + rng.normal());
+                let measurement = Measurement { pixel, u_right, weight: 1.0 + rng.uniform(), weight_right: 0.5 };
+                observations.push(BaObservation { pose: pose as u32, point: point as u32, measurement });
+            }
+        }
+        // The same camera sees a point twice: one edge, two observations.
+        observations.push(BaObservation {
+            measurement: Measurement { u_right: None, ..observations[0].measurement },
+            ..observations[0]
+        });
+        BaProblem { camera, bf: 40.0, poses, points, observations }
+    }
+
+    /// All weighted residuals after a change of the free poses and the points, in one vector.
+    fn residuals(model: &Model, state: &State, delta: &DVector<f64>) -> Vec<f64> {
+        let mut state = state.clone();
+        let free = &model.layout.free_poses;
+        for (i, &pose) in free.iter().enumerate() {
+            state.poses[pose] = Se3::exp(&Vector6::from_fn(|r, _| delta[6 * i + r])) * state.poses[pose];
+        }
+        for (i, point) in state.points.iter_mut().enumerate() {
+            *point += Vector3::from_fn(|r, _| delta[6 * free.len() + 3 * i + r]);
+        }
+        let mut out = Vec::new();
+        for edge in &model.layout.edges {
+            let x = state.poses[edge.pose].transform(&state.points[edge.point]);
+            for (_, m) in &model.layout.observations[edge.observations.clone()] {
+                let [u, v, right] = model.camera.residual(&x, m).unwrap();
+                out.extend([u * m.weight.sqrt(), v * m.weight.sqrt(), right * m.weight_right.sqrt()]);
+            }
+        }
+        out
+    }
+
+    #[test]
+    fn the_reduced_step_equals_the_full_dense_one() {
+        let problem = small_problem();
+        let model = Model {
+            camera: DepthCamera { pinhole: problem.camera, bf: problem.bf },
+            gates: Gates { mono: 5.991, stereo: 7.815 },
+            layout: Layout::new(&problem),
+        };
+        let poses = problem.poses.iter().map(|p| p.camera_from_world).collect();
+        let state = State { poses, points: problem.points.clone() };
+        let n = 6 * 3 + 3 * problem.points.len();
+        let at = |delta: &DVector<f64>| DVector::from_vec(residuals(&model, &state, delta));
+        let e = at(&DVector::zeros(n));
+        let mut jacobian = DMatrix::zeros(e.len(), n);
+        for c in 0..n {
+            let mut delta = DVector::zeros(n);
+            delta[c] = 1e-6;
+            jacobian.set_column(c, &((at(&delta) - at(&-delta)) / 2e-6));
+        }
+        let damping = Damping::new(1e-2);
+        let normal = jacobian.transpose() * &jacobian;
+        let scale = normal.diagonal().map(|d| damping.of(d));
+        let gradient = jacobian.transpose() * &e;
+        let dense = -(normal + DMatrix::from_diagonal(&scale)).lu().solve(&gradient).unwrap();
+
+        let active = vec![true; model.layout.observations.len()];
+        let step = solve(&model.layout, &model.linearize(&state, false, &active), &damping).unwrap();
+        let parts = step.poses.iter().flat_map(|p| p.iter()).chain(step.points.iter().flat_map(|p| p.iter()));
+        let reduced = DVector::from_iterator(n, parts.copied());
+        assert!((&reduced - &dense).norm() < 1e-6 * dense.norm(), "{reduced} {dense}");
+        let predicted = dense.dot(&(scale.component_mul(&dense) - gradient));
+        assert!((step.predicted - predicted).abs() < 1e-6 * predicted);
+    }
+}

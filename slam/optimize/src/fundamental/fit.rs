@@ -1,8 +1,9 @@
-//! Linear fits on normalised coordinates: the normalised eight-point algorithm (Hartley 1997).
+//! Fits on normalised coordinates (Hartley 1997).
 
-use nalgebra::{Matrix3, SMatrix, SVector, SymmetricEigen};
+use nalgebra::{Cholesky, Matrix3, SMatrix, SVector, SymmetricEigen, Vector3, Vector6};
+use slam_math::Se3;
 
-use super::{Match, homogeneous};
+use super::{Match, gradient_squared, homogeneous};
 
 /// Sweeps after which the eigenvalue iteration gives up; it needs a few a row.
 const MAX_SWEEPS: usize = 300;
@@ -24,26 +25,47 @@ pub(super) fn normalization(pixels: impl Iterator<Item = [f64; 2]> + Clone) -> O
     transform.iter().all(|v| v.is_finite()).then_some(transform)
 }
 
-/// The `F` of rank 2 that minimises the weighted algebraic error. `None` when the matches coincide.
-pub(super) fn eight_point(matches: &[Match], weights: &[f64]) -> Option<Matrix3<f64>> {
+/// One Gauss-Newton step on the Sampson error of the matches. `F = U diag(1, s, 0) V^T` has exactly seven parameters, a
+/// rotation of U, one of V, and s, so the rank stays 2. The gradient in the error's denominator is held during the step.
+pub(super) fn sampson_step(f: &Matrix3<f64>, matches: &[Match]) -> Option<Matrix3<f64>> {
     let last = normalization(matches.iter().map(|m| m.last))?;
     let current = normalization(matches.iter().map(|m| m.current))?;
-    let mut normal = SMatrix::<f64, 9, 9>::zeros();
-    // The weights come in 1/gradient^2; only their ratio counts.
-    for (m, weight) in matches.iter().zip(weights).filter(|(_, w)| w.is_finite()) {
-        add_row(
-            &mut normal,
-            &epipolar_row(&(last * homogeneous(m.last)), &(current * homogeneous(m.current))),
-            *weight,
-        );
+    let (u, ratio, v) = decompose(&(current.try_inverse()?.transpose() * f * last.try_inverse()?))?;
+    let compose = |u: Matrix3<f64>, ratio: f64, v: Matrix3<f64>| {
+        current.transpose() * u * Matrix3::from_diagonal(&Vector3::new(1.0, ratio, 0.0)) * v.transpose() * last
+    };
+    let f = compose(u, ratio, v);
+    let (mut normal, mut right) = (SMatrix::<f64, 7, 7>::zeros(), SVector::<f64, 7>::zeros());
+    for m in matches {
+        let weight = 1.0 / gradient_squared(&f, m);
+        let (a, b) = (u.tr_mul(&(current * homogeneous(m.current))), v.tr_mul(&(last * homogeneous(m.last))));
+        let error = a[0] * b[0] + ratio * a[1] * b[1];
+        // a^T exp([w]) D b and a^T D exp(-[w]) b, both at w = 0.
+        let by_u = Vector3::new(b[0], ratio * b[1], 0.0).cross(&a);
+        let by_v = Vector3::new(a[0], ratio * a[1], 0.0).cross(&b);
+        let row = SVector::from([by_u[0], by_u[1], by_u[2], by_v[0], by_v[1], by_v[2], a[1] * b[1]]);
+        if weight.is_finite() {
+            normal += row * (row * weight).transpose();
+            right -= row * (weight * error);
+        }
     }
-    let f = Matrix3::from_row_slice(smallest_eigenvector(&normal)?.as_slice());
-    let f = current.transpose() * rank_two(&f)? * last;
-    unit_norm(f)
+    let step = Cholesky::new(normal)?.solve(&right);
+    let turn = |at: usize| Se3::exp(&Vector6::new(0.0, 0.0, 0.0, step[at], step[at + 1], step[at + 2])).rotation;
+    unit_norm(compose(u * turn(0), ratio + step[6], v * turn(3)))
+}
+
+/// `U`, the ratio of the second to the first singular value, and `V`, columns by falling singular value.
+fn decompose(f: &Matrix3<f64>) -> Option<(Matrix3<f64>, f64, Matrix3<f64>)> {
+    let svd = f.try_svd(true, true, f64::EPSILON, MAX_SWEEPS)?;
+    let (u, v) = (svd.u?, svd.v_t?.transpose());
+    let mut order = [0, 1, 2];
+    order.sort_by(|&a, &b| svd.singular_values[b].total_cmp(&svd.singular_values[a]));
+    let sorted = |m: &Matrix3<f64>| Matrix3::from_columns(&order.map(|i| m.column(i)));
+    Some((sorted(&u), svd.singular_values[order[1]] / svd.singular_values[order[0]], sorted(&v)))
 }
 
 /// Coefficients of F, row by row, in `x_current^T F x_last`.
-pub(super) fn epipolar_row(last: &nalgebra::Vector3<f64>, current: &nalgebra::Vector3<f64>) -> SVector<f64, 9> {
+pub(super) fn epipolar_row(last: &Vector3<f64>, current: &Vector3<f64>) -> SVector<f64, 9> {
     SVector::from_fn(|i, _| current[i / 3] * last[i % 3])
 }
 
@@ -69,15 +91,7 @@ pub(super) fn smallest_eigenvector(lower: &SMatrix<f64, 9, 9>) -> Option<SVector
     Some(eigen.eigenvectors.column(smallest).into_owned())
 }
 
-/// The nearest matrix of rank 2.
-fn rank_two(f: &Matrix3<f64>) -> Option<Matrix3<f64>> {
-    let svd = f.try_svd(true, true, f64::EPSILON, MAX_SWEEPS)?;
-    let (u, v_t, mut values) = (svd.u?, svd.v_t?, svd.singular_values);
-    let smallest = (1..3).fold(0, |best, i| if values[i] < values[best] { i } else { best });
-    values[smallest] = 0.0;
-    Some(u * Matrix3::from_diagonal(&values) * v_t)
-}
-
+/// `None` when the matrix is zero or not finite.
 pub(super) fn unit_norm(matrix: Matrix3<f64>) -> Option<Matrix3<f64>> {
     let unit = matrix / matrix.norm();
     unit.iter().all(|v| v.is_finite()).then_some(unit)

@@ -1,7 +1,7 @@
 //! Two-view epipolar geometry with outliers.
 //!
-//! Seven-point samples, scored by the truncated Sampson error (MSAC: Torr and Zisserman 2000), every new best one refined by
-//! weighted eight-point fits on its inliers, and a test whether the views determine the geometry at all.
+//! Seven-point samples, scored by the truncated Sampson error (MSAC: Torr and Zisserman 2000), every new best one
+//! refined on the matches around it, and a test whether the views determine the geometry at all.
 
 mod fit;
 mod homography;
@@ -12,9 +12,9 @@ use slam_math::Rng;
 
 use crate::ransac::samples_needed;
 
-/// Refinements of one model; each one must lower the score.
-const LOCAL_STEPS: u32 = 5;
-/// A weighted eight-point fit needs more than its minimum to average anything.
+/// Widths of the bands of the refinements of one model, in thresholds.
+const LOCAL_BANDS: [f64; 6] = [4.0, 3.0, 2.0, 1.5, 1.0, 1.0];
+/// Seven matches always fit; fewer than eight support nothing.
 const MIN_FIT: usize = 8;
 
 /// Budget and thresholds of [`fundamental_ransac`].
@@ -70,7 +70,7 @@ pub fn fundamental_ransac(
         return None;
     }
     let best = search(rng, &matches, options)?;
-    let supported = best.inliers(&matches, options.threshold_px);
+    let supported = inliers(&best.matrix, &matches, options.threshold_px);
     if supported.len() < MIN_FIT {
         return None;
     }
@@ -105,11 +105,6 @@ impl Model {
         }
         Self { matrix, score }
     }
-
-    fn inliers(&self, matches: &[Match], threshold_px: f64) -> Vec<Match> {
-        let near = |m: &&Match| sampson_distance(&self.matrix, m.last, m.current) <= threshold_px;
-        matches.iter().filter(near).copied().collect()
-    }
 }
 
 fn search(rng: &mut Rng, matches: &[Match], options: &FundamentalOptions) -> Option<Model> {
@@ -126,31 +121,35 @@ fn search(rng: &mut Rng, matches: &[Match], options: &FundamentalOptions) -> Opt
                 continue;
             }
             let model = refine(model, matches, threshold);
-            let share = model.inliers(matches, threshold).len() as f64 / matches.len() as f64;
+            let share = inliers(&model.matrix, matches, threshold).len() as f64 / matches.len() as f64;
             needed = samples_needed(share, 7, options.confidence, options.max_iterations);
             best = Some(model);
+        }
+    }
+    best.map(|model| refine(model, matches, threshold))
+}
+
+/// Fits the matches around the model again, from a wide band down to the threshold: a minimal sample's model is off by more
+/// than the noise, and its own inliers would hold it there. Returns the best of all.
+fn refine(model: Model, matches: &[Match], threshold_px: f64) -> Model {
+    let mut matrix = model.matrix;
+    let mut best = model;
+    for band in LOCAL_BANDS {
+        let near = inliers(&matrix, matches, band * threshold_px);
+        let Some(fitted) = fit::sampson_step(&matrix, &near) else { break };
+        matrix = fitted;
+        let model = Model::new(matrix, matches, threshold_px);
+        if model.score < best.score {
+            best = model;
         }
     }
     best
 }
 
-/// Fits the inliers again, weighted towards the Sampson error, as long as that lowers the score.
-fn refine(model: Model, matches: &[Match], threshold_px: f64) -> Model {
-    let mut best = model;
-    for _ in 0..LOCAL_STEPS {
-        let inliers = best.inliers(matches, threshold_px);
-        if inliers.len() < MIN_FIT {
-            break;
-        }
-        let weights: Vec<f64> = inliers.iter().map(|m| 1.0 / gradient_squared(&best.matrix, m)).collect();
-        let Some(matrix) = fit::eight_point(&inliers, &weights) else { break };
-        let model = Model::new(matrix, matches, threshold_px);
-        if model.score >= best.score {
-            break;
-        }
-        best = model;
-    }
-    best
+/// Matches within a Sampson distance, pixels.
+fn inliers(matrix: &Matrix3<f64>, matches: &[Match], threshold_px: f64) -> Vec<Match> {
+    let limit = threshold_px * threshold_px;
+    matches.iter().filter(|m| sampson_squared(matrix, m.last, m.current) <= limit).copied().collect()
 }
 
 /// Distance of `current` from the epipolar line of `last`, pixels in the current image (the paper's equation 3, absolute).
