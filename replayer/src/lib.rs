@@ -2,6 +2,9 @@
 //! ([`plot`]).
 
 pub mod eval;
+#[cfg(feature = "rerun")]
+pub mod inspect;
+pub mod log;
 mod output;
 
 pub use output::{OutputError, write_file};

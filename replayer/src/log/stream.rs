@@ -1,0 +1,168 @@
+//! The bytes of frames, read chunk by chunk.
+
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use mcap::records::op;
+use schemas::msg::CompressedImage;
+use schemas::{Stamp, topics};
+
+use super::chunk::{MAX_RECORD_BYTES, RECORD_HEADER_BYTES, inner_record, message, read_u64, unpack};
+use super::container::Place;
+use super::open::{Entry, decoded};
+use super::{LogError, TimelineFrame};
+
+/// Unpacked chunks that are kept: neighbouring frames share chunks, and masks may stand behind their pictures.
+const CACHE_BYTES: usize = 32 << 20;
+
+/// A picture file as it stands in the log.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct EncodedImage {
+    /// `png` or `jpeg`, see [`schemas::msg::format`].
+    pub format: String,
+    /// The file.
+    pub bytes: Vec<u8>,
+}
+
+/// What the log holds for one frame; [`decode`](super::decode()) turns it into pixels.
+#[derive(Debug, Clone)]
+pub struct RawFrame {
+    /// Position on the timeline.
+    pub index: usize,
+    /// Of the colour picture.
+    pub stamp: Stamp,
+    /// The colour picture.
+    pub color: EncodedImage,
+    /// Depth value of one metre.
+    pub units_per_metre: f64,
+    /// The paired depth image's message.
+    pub(crate) depth: Option<Vec<u8>>,
+    /// Class image, instance image and segment table.
+    pub(crate) mask: Option<[Vec<u8>; 3]>,
+}
+
+/// Iterator over frames. Memory: the frame itself and some unpacked chunks, whatever the file's size.
+#[derive(Debug)]
+pub struct FrameStream {
+    path: PathBuf,
+    file: File,
+    frames: Arc<[TimelineFrame]>,
+    range: Range<usize>,
+    units_per_metre: f64,
+    /// Offset of the chunk record and its contents, the most recently used last.
+    cache: Vec<(u64, Vec<u8>)>,
+}
+
+impl FrameStream {
+    pub(crate) fn new(
+        path: &Path,
+        frames: Arc<[TimelineFrame]>,
+        range: Range<usize>,
+        units_per_metre: f64,
+    ) -> Result<Self, LogError> {
+        let file = File::open(path).map_err(|source| LogError::io(path, source))?;
+        Ok(Self { path: path.to_owned(), file, frames, range, units_per_metre, cache: Vec::new() })
+    }
+
+    fn frame(&mut self, index: usize) -> Result<RawFrame, LogError> {
+        let frame = self.frames[index];
+        let color = self.message(frame.color)?;
+        let color = decoded::<CompressedImage<'_>>(&color).map_err(|reason| LogError::Message {
+            path: self.path.clone(),
+            topic: topics::COLOR.to_owned(),
+            sequence: frame.color.sequence,
+            stamp: frame.stamp,
+            reason,
+        })?;
+        let color = EncodedImage { format: color.format, bytes: color.data.into_owned() };
+        let depth = frame.depth.map(|entry| self.message(entry)).transpose()?;
+        let mask = match frame.mask {
+            Some(m) => Some([self.message(m.class)?, self.message(m.instance)?, self.message(m.segments)?]),
+            None => None,
+        };
+        Ok(RawFrame { index, stamp: frame.stamp, color, units_per_metre: self.units_per_metre, depth, mask })
+    }
+
+    /// A message's bytes, from the chunk or straight from the file.
+    fn message(&mut self, entry: Entry) -> Result<Vec<u8>, LogError> {
+        let Place { record, inner } = entry.place;
+        let path = self.path.clone();
+        let damaged = |reason: String| LogError::damaged(&path, "message", record, reason);
+        let moved = || damaged("is not where it was when the log was opened: the file was changed".to_owned());
+        let data = match inner {
+            None => {
+                let body = self.record(record, op::MESSAGE)?;
+                message(&body).map_err(damaged)?.1.to_vec()
+            }
+            Some(offset) => {
+                let (opcode, body, _) =
+                    inner_record(self.chunk(record)?, offset).map_err(damaged)?.ok_or_else(moved)?;
+                let (header, data) = message(body).map_err(damaged)?;
+                if opcode != op::MESSAGE || header.sequence != entry.sequence {
+                    return Err(moved());
+                }
+                data.to_vec()
+            }
+        };
+        Ok(data)
+    }
+
+    /// A chunk's contents, its CRC checked again.
+    fn chunk(&mut self, offset: u64) -> Result<&[u8], LogError> {
+        if let Some(known) = self.cache.iter().position(|(at, _)| *at == offset) {
+            let entry = self.cache.remove(known);
+            self.cache.push(entry);
+        } else {
+            let body = self.record(offset, op::CHUNK)?;
+            let contents = unpack(&body).map_err(|reason| LogError::damaged(&self.path, "chunk", offset, reason))?;
+            let mut bytes = contents.len();
+            let kept = self.cache.iter().rev().take_while(|(_, contents)| {
+                bytes += contents.len();
+                bytes <= CACHE_BYTES
+            });
+            let dropped = self.cache.len() - kept.count();
+            self.cache.drain(..dropped);
+            self.cache.push((offset, contents));
+        }
+        Ok(self.cache.last().map_or(&[], |(_, contents)| contents))
+    }
+
+    fn record(&mut self, offset: u64, wanted: u8) -> Result<Vec<u8>, LogError> {
+        let io = |source| LogError::io(&self.path, source);
+        let mut head = [0; RECORD_HEADER_BYTES];
+        self.file.seek(SeekFrom::Start(offset)).map_err(io)?;
+        self.file.read_exact(&mut head).map_err(io)?;
+        let (opcode, len) = (head[0], read_u64(&head[1..]));
+        if opcode != wanted || len > MAX_RECORD_BYTES {
+            let reason = format!("opcode 0x{opcode:02x} with {len} bytes: the file was changed after it was opened");
+            return Err(LogError::damaged(&self.path, "record", offset, reason));
+        }
+        let mut body = Vec::new();
+        (&mut self.file).take(len).read_to_end(&mut body).map_err(io)?;
+        if body.len() as u64 != len {
+            return Err(LogError::damaged(&self.path, "record", offset, "cut off after the log was opened"));
+        }
+        Ok(body)
+    }
+}
+
+impl Iterator for FrameStream {
+    type Item = Result<RawFrame, LogError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let index = self.range.next()?;
+        let frame = self.frame(index);
+        if frame.is_err() {
+            self.range.start = self.range.end; // one report; what follows could not be trusted to be complete
+        }
+        Some(frame)
+    }
+
+    fn size_hint(&self) -> (usize, Option<usize>) {
+        let (least, most) = self.range.size_hint();
+        (least.min(1), most)
+    }
+}
