@@ -3,9 +3,10 @@
 mod scene;
 
 use nalgebra::Vector3;
+use proptest::prelude::*;
 use scene::{SIGMA_PX, bundle_scene};
 use slam_math::{Rng, par::Pool};
-use slam_optimize::{BaOptions, BaProblem, bundle_adjust};
+use slam_optimize::{BaObservation, BaOptions, BaProblem, Measurement, bundle_adjust};
 
 fn bits(problem: &BaProblem) -> Vec<u64> {
     let poses = problem.poses.iter().flat_map(|p| p.camera_from_world.rows());
@@ -112,7 +113,7 @@ fn broken_input_is_an_outlier_and_changes_nothing() {
     bundle_adjust(&mut expected, &BaOptions::default());
     let mut dirty = clean.clone();
     let n = clean.observations.len();
-    let mut add = |change: &dyn Fn(&mut slam_optimize::BaObservation)| {
+    let mut add = |change: &dyn Fn(&mut BaObservation)| {
         let mut o = clean.observations[0];
         change(&mut o);
         dirty.observations.push(o);
@@ -143,5 +144,25 @@ fn empty_and_unobserved_problems_stay_as_they_are() {
         let report = bundle_adjust(&mut problem, &BaOptions::default());
         assert_eq!((report.initial_cost, report.final_cost), (0.0, 0.0));
         assert_eq!(problem.points, before);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+    #[test]
+    fn any_numbers_are_survived(
+        values in proptest::collection::vec((any::<[f64; 4]>(), 0..5u32, 0..25u32), 0..30),
+        points in proptest::collection::vec(any::<[f64; 3]>(), 0..5),
+    ) {
+        let (_, mut problem) = bundle_scene(4, 20, 3, 0.0);
+        problem.points.extend(points.into_iter().map(Vector3::from));
+        problem.observations.extend(values.into_iter().map(|(v, pose, point)| BaObservation {
+            pose,
+            point,
+            measurement: Measurement { pixel: [v[0], v[1]], u_right: Some(v[2]), weight: v[3].abs(), weight_right: 1.0 },
+        }));
+        let report = bundle_adjust(&mut problem, &BaOptions::default());
+        prop_assert!(problem.poses.iter().all(|p| p.camera_from_world.is_finite()));
+        prop_assert_eq!(report.outlier.len(), problem.observations.len());
     }
 }

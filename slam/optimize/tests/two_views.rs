@@ -171,3 +171,22 @@ proptest! {
         }
     }
 }
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
+    #[test]
+    fn any_matches_are_survived(
+        matches in proptest::collection::vec(any::<([f64; 2], [f64; 2])>(), 0..20),
+        grid in proptest::collection::vec(([0..4i32, 0..4], [0..4i32, 0..4]), 0..20),
+    ) {
+        // Arbitrary numbers, and coarse ones that coincide and line up.
+        let whole = |p: [i32; 2]| p.map(f64::from);
+        let all = matches.into_iter().chain(grid.into_iter().map(|(a, b)| (whole(a), whole(b))));
+        let (last, current): (Vec<_>, Vec<_>) = all.unzip();
+        let options = FundamentalOptions { max_iterations: 50, ..FundamentalOptions::default() };
+        if let Some(found) = fundamental_ransac(&mut Rng::at(9, 0, 0, 0), &last, &current, &options) {
+            prop_assert!(found.matrix.iter().all(|v| v.is_finite()));
+            prop_assert_eq!(found.inlier.iter().filter(|i| **i).count(), found.inliers);
+        }
+    }
+}
