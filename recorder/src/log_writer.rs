@@ -107,7 +107,8 @@ pub struct LogWriter {
     file: File,
     path: PathBuf,
     partial: PathBuf,
-    channels: BTreeMap<String, ChannelId>,
+    /// By topic: its channel and message type.
+    channels: BTreeMap<String, (ChannelId, &'static str)>,
     next_sequence: BTreeMap<ChannelId, u32>,
     last_stamp: Option<Stamp>,
     last_flush: Option<Stamp>,
@@ -165,26 +166,25 @@ impl LogWriter {
     /// Opens a topic with metadata of its own, before the first message on it.
     ///
     /// # Errors
-    /// The topic carries another type by [`topics::schema_name`], or the file system refuses.
+    /// The topic carries another type (by [`topics::schema_name`], or since it was opened), or the file system refuses.
     pub fn open_topic<'a, M: Message<'a>>(
         &mut self,
         topic: &str,
         mut extra: BTreeMap<String, String>,
     ) -> Result<ChannelId, WriteError> {
-        if let Some(id) = self.channels.get(topic) {
-            return Ok(*id);
+        let open = self.channels.get(topic).copied();
+        let wanted = open.map(|(_, schema)| schema).or_else(|| topics::schema_name(topic)).unwrap_or(M::SCHEMA_NAME);
+        if wanted != M::SCHEMA_NAME {
+            return Err(WriteError::Type { topic: topic.to_owned(), wanted, found: M::SCHEMA_NAME });
         }
-        match topics::schema_name(topic) {
-            Some(wanted) if wanted != M::SCHEMA_NAME => {
-                return Err(WriteError::Type { topic: topic.to_owned(), wanted, found: M::SCHEMA_NAME });
-            }
-            _ => {}
+        if let Some((id, _)) = open {
+            return Ok(id);
         }
         extra.insert("offered_qos_profiles".to_owned(), String::new());
         let schema =
             RawSchema { name: M::SCHEMA_NAME, encoding: "ros2msg", data: M::schema_text().as_bytes() }.id(self)?;
         let id = self.add_channel(schema, topic, "cdr", &extra)?;
-        self.channels.insert(topic.to_owned(), id);
+        self.channels.insert(topic.to_owned(), (id, M::SCHEMA_NAME));
         Ok(id)
     }
 

@@ -99,6 +99,10 @@ impl RgbdLog {
         let camera = spec.camera.validated().map_err(|error| WriteError::Invalid(error.to_string()))?;
         check_units(&spec.depth_units_per_metre)?;
         let layers = spec.layers.iter().map(check_layer).collect::<Result<Vec<_>, _>>()?;
+        if let Some(twice) = (1..layers.len()).find(|i| layers[..*i].iter().any(|layer| layer.name == layers[*i].name))
+        {
+            return Err(WriteError::Invalid(format!("layer name {} is used twice", layers[twice].name)));
+        }
         let mut log = LogWriter::create(path, options)?;
         write_spec(&mut log, spec, &layers)?;
         let units = (metadata::DEPTH_UNITS_PER_METRE.to_owned(), spec.depth_units_per_metre.clone());

@@ -1,5 +1,7 @@
 //! Import of small folders made by the test, with everything that can be wrong with them.
 
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 use recorder::import::{CameraSource, ImportError, ImportReport, PanopticSource, TumOptions, tum};
 use recorder::picture::{encode_gray16, encode_rgb8};
 use schemas::calibration::{CameraModel, Preset};
