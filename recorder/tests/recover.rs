@@ -286,3 +286,24 @@ fn a_crashed_writer_loses_only_the_open_chunk() {
         Err(recorder::WriteError::Unfinished(_))
     ));
 }
+
+#[test]
+fn any_mutilation_passes_on_nothing_wrong() {
+    let case = Case::new();
+    let mut random = Random(4242);
+    for round in 0..60 {
+        let mut damaged = case.bytes.clone();
+        for _ in 0..=random.below(6) {
+            let at = random.below(damaged.len());
+            let len = random.below(3000).min(damaged.len() - at);
+            match random.below(4) {
+                0 => damaged[at..at + len].fill(0),
+                1 => drop(damaged.drain(at..at + len)),
+                2 => drop(damaged.splice(at..at, std::iter::repeat_n(0x06, len))),
+                _ => damaged[at..at + len].iter_mut().for_each(|byte| *byte = random.next() as u8),
+            }
+        }
+        let (report, messages) = case.recover(&damaged).unwrap_or_else(|error| panic!("round {round}: {error}"));
+        assert!(!messages.is_empty() && !report.gave_up, "round {round} keeps nothing");
+    }
+}

@@ -31,7 +31,7 @@ cdr_struct! {
         pub height: u32,
         /// Columns.
         pub width: u32,
-        /// Pixel layout, see [`encoding`].
+        /// Pixel layout, see [`mod@encoding`].
         pub encoding: String,
         /// 1 if 16-bit pixels stand high byte first.
         pub is_bigendian: u8,
@@ -47,7 +47,7 @@ cdr_struct! {
     pub struct CompressedImage<'a>: "sensor_msgs/msg/CompressedImage" {
         /// Stamp and optical frame.
         pub header: Header,
-        /// File format, see [`format`].
+        /// File format, see [`mod@format`].
         pub format: String,
         /// The file.
         pub data: Cow<'a, [u8]>,
