@@ -16,15 +16,15 @@ impl BlockCholesky {
             let (done, rest) = columns.split_at_mut(i + 1);
             let column = &mut done[i];
             let lower = Cholesky::new(*column.first()?)?.unpack();
-            let inverse = lower.solve_lower_triangular(&Matrix6::identity())?;
+            let inverse_transposed = lower.solve_lower_triangular(&Matrix6::identity())?.transpose();
             column[0] = lower;
             for block in &mut column[1..] {
-                *block = times_transposed(block, &inverse);
+                *block *= inverse_transposed;
             }
             let filled: Vec<usize> = (1..column.len()).filter(|&k| column[k] != Matrix6::zeros()).collect();
             for (at, &m) in filled.iter().enumerate() {
                 for &k in &filled[at..] {
-                    rest[m - 1][k - m] -= times_transposed(&column[k], &column[m]);
+                    subtract_product(&mut rest[m - 1][k - m], &column[k], &column[m]);
                 }
             }
         }
@@ -51,18 +51,16 @@ impl BlockCholesky {
     }
 }
 
-/// `a * b^T`, laid out so that the compiler works on whole columns.
+/// `out -= a * b^T`, laid out so that the compiler works on whole columns.
 #[inline]
-pub(super) fn times_transposed<const N: usize>(a: &SMatrix<f64, 6, N>, b: &SMatrix<f64, 6, N>) -> Matrix6<f64> {
-    let mut out = Matrix6::zeros();
+pub(super) fn subtract_product<const N: usize>(out: &mut Matrix6<f64>, a: &SMatrix<f64, 6, N>, b: &SMatrix<f64, 6, N>) {
     for (c, column) in out.data.0.iter_mut().enumerate() {
         for (a, b) in a.data.0.iter().zip(&b.data.0) {
             for (out, a) in column.iter_mut().zip(a) {
-                *out += a * b[c];
+                *out -= a * b[c];
             }
         }
     }
-    out
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use nalgebra::{Cholesky, Matrix3, Matrix6, Vector3, Vector6};
 use slam_math::par;
 
-use super::cholesky::{BlockCholesky, times_transposed};
+use super::cholesky::{BlockCholesky, subtract_product};
 use super::layout::Layout;
 use super::linear::Linearization;
 use crate::camera::{pose_gradient, pose_information};
@@ -86,7 +86,7 @@ fn column(
         reduced_gradient -= eliminated * linear.point(point).gradient;
         for other in edge..layout.edges_of_point[point].end {
             if let Some(row) = layout.edges[other].free {
-                blocks[row - free] -= times_transposed(&linear.edge(point, other).pose_point, &eliminated);
+                subtract_product(&mut blocks[row - free], &linear.edge(point, other).pose_point, &eliminated);
             }
         }
     }
