@@ -5,7 +5,7 @@ use mcap::write::NoSeek;
 use mcap::{Attachment, Compression, WriteOptions, Writer};
 use schemas::{Message, Stamp, metadata, topics};
 use std::borrow::Cow;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
@@ -109,6 +109,8 @@ pub struct LogWriter {
     partial: PathBuf,
     /// By topic: its channel and message type.
     channels: BTreeMap<String, (ChannelId, &'static str)>,
+    /// Channels whose second definition is written.
+    announced: BTreeSet<ChannelId>,
     next_sequence: BTreeMap<ChannelId, u32>,
     last_stamp: Option<Stamp>,
     last_flush: Option<Stamp>,
@@ -156,6 +158,7 @@ impl LogWriter {
             path: path.to_owned(),
             partial,
             channels: BTreeMap::new(),
+            announced: BTreeSet::new(),
             next_sequence: BTreeMap::new(),
             last_stamp: None,
             last_flush: None,
@@ -181,9 +184,9 @@ impl LogWriter {
             return Ok(id);
         }
         extra.insert("offered_qos_profiles".to_owned(), String::new());
-        let schema =
-            RawSchema { name: M::SCHEMA_NAME, encoding: "ros2msg", data: M::schema_text().as_bytes() }.id(self)?;
-        let id = self.add_channel(schema, topic, "cdr", &extra)?;
+        let text = M::schema_text();
+        let schema = RawSchema { name: M::SCHEMA_NAME, encoding: "ros2msg", data: text.as_bytes() };
+        let id = self.add_channel(Some(schema), topic, "cdr", &extra)?;
         self.channels.insert(topic.to_owned(), (id, M::SCHEMA_NAME));
         Ok(id)
     }
@@ -275,15 +278,42 @@ impl LogWriter {
         let _ = fs::remove_file(partial);
     }
 
+    /// Opens a channel with any definition; the same definition again gives the same channel. A second copy of the
+    /// definition goes outside the chunks ([`metadata::CHANNEL_PREFIX`]), as far as it is text.
     pub(crate) fn add_channel(
         &mut self,
-        schema: u16,
+        schema: Option<RawSchema<'_>>,
         topic: &str,
         encoding: &str,
         values: &BTreeMap<String, String>,
     ) -> Result<ChannelId, WriteError> {
-        let id = self.writer.add_channel(schema, topic, encoding, values);
-        id.map(ChannelId).map_err(|source| self.container_error(source))
+        let schema_id = match schema {
+            Some(RawSchema { name, encoding, data }) => self.writer.add_schema(name, encoding, data),
+            None => Ok(0),
+        };
+        let schema_id = schema_id.map_err(|source| self.container_error(source))?;
+        let id = self.writer.add_channel(schema_id, topic, encoding, values);
+        let id = ChannelId(id.map_err(|source| self.container_error(source))?);
+        let text = schema.and_then(|schema| Some((schema, std::str::from_utf8(schema.data).ok()?)));
+        if let Some((schema, text)) = text.filter(|_| self.announced.insert(id)) {
+            use metadata::channel as key;
+            let own = values.iter().map(|(name, value)| (format!("{}{name}", key::METADATA_PREFIX), value.clone()));
+            let mut record: BTreeMap<String, String> = own.collect();
+            let (channel_id, schema_id) = (id.0.to_string(), schema_id.to_string());
+            for (name, value) in [
+                (key::ID, channel_id.as_str()),
+                (key::TOPIC, topic),
+                (key::ENCODING, encoding),
+                (key::SCHEMA_ID, &schema_id),
+                (key::SCHEMA_NAME, schema.name),
+                (key::SCHEMA_ENCODING, schema.encoding),
+                (key::SCHEMA_TEXT, text),
+            ] {
+                record.insert(name.to_owned(), value.to_owned());
+            }
+            self.metadata(&format!("{}{topic}", metadata::CHANNEL_PREFIX), record)?;
+        }
+        Ok(id)
     }
 
     pub(crate) fn write_raw(
@@ -309,11 +339,4 @@ pub(crate) struct RawSchema<'a> {
     pub name: &'a str,
     pub encoding: &'a str,
     pub data: &'a [u8],
-}
-
-impl RawSchema<'_> {
-    pub(crate) fn id(self, log: &mut LogWriter) -> Result<u16, WriteError> {
-        let id = log.writer.add_schema(self.name, self.encoding, self.data);
-        id.map_err(|source| log.container_error(source))
-    }
 }

@@ -73,12 +73,22 @@ fn read_log(path: &Path) -> Messages {
     messages.collect()
 }
 
-/// Byte ranges of the chunks and their messages' log times.
-fn chunks(bytes: &[u8]) -> Vec<(std::ops::Range<usize>, std::ops::RangeInclusive<u64>)> {
+/// A chunk of the undamaged log.
+struct Chunk {
+    bytes: std::ops::Range<usize>,
+    /// Topic and sequence of its messages.
+    messages: Vec<(String, u32)>,
+}
+
+fn chunks(bytes: &[u8]) -> Vec<Chunk> {
     let summary = mcap::Summary::read(bytes).unwrap().unwrap();
     let index = summary.chunk_indexes.iter().map(|chunk| {
         let start = chunk.chunk_start_offset as usize;
-        (start..start + chunk.chunk_length as usize, chunk.message_start_time..=chunk.message_end_time)
+        let messages = summary.stream_chunk(bytes, chunk).unwrap().map(|message| {
+            let message = message.unwrap();
+            (message.channel.topic.clone(), message.sequence)
+        });
+        Chunk { bytes: start..start + chunk.chunk_length as usize, messages: messages.collect() }
     });
     index.collect()
 }
@@ -122,17 +132,9 @@ impl Case {
 
     /// Every message of the chunks that `intact` picks must be there.
     fn assert_kept(&self, messages: &Messages, intact: impl Fn(&std::ops::Range<usize>) -> bool, what: &str) {
-        for (range, times) in chunks(&self.bytes) {
-            if intact(&range) {
-                let lost =
-                    self.original.iter().find(|(key, (time, _))| times.contains(time) && !messages.contains_key(*key));
-                // Neighbouring chunks may share a time; chunks here end at frames, so times are unique to them.
-                assert!(
-                    lost.is_none(),
-                    "{what}: chunk at {range:?} is intact, but {:?} is lost",
-                    lost.map(|(key, _)| key)
-                );
-            }
+        for chunk in chunks(&self.bytes).iter().filter(|chunk| intact(&chunk.bytes)) {
+            let lost = chunk.messages.iter().find(|key| !messages.contains_key(*key));
+            assert!(lost.is_none(), "{what}: chunk at {:?} is intact, but {lost:?} is lost", chunk.bytes);
         }
     }
 }
@@ -167,7 +169,7 @@ fn fifty_bit_flips() {
 #[test]
 fn every_bit_of_heads_and_tails() {
     let case = Case::new();
-    let second = chunks(&case.bytes)[1].0.clone();
+    let second = chunks(&case.bytes)[1].bytes.clone();
     let end = case.bytes.len();
     let places = (0..200)
         .chain(second.start - 60..second.start + 60)
@@ -206,25 +208,46 @@ fn an_undamaged_log_is_complete() {
 }
 
 #[test]
-fn a_lost_first_chunk_leaves_its_definitions_to_the_summary() {
+fn a_lost_chunk_does_not_take_its_definitions_along() {
     let case = Case::new();
-    let first = chunks(&case.bytes)[1].0.clone();
+    let poses = |messages: &Messages| messages.keys().filter(|(topic, _)| topic == "/ground_truth/pose").count();
+    // The chunk that defines the pose channel.
+    let defining = &chunks(&case.bytes)[1];
     let mut damaged = case.bytes.clone();
-    damaged[first.start + 100] ^= 0x10;
+    damaged[defining.bytes.start + 100] ^= 0x10;
+    let without_summary = damaged.len() - 2000;
+
     let (report, messages) = case.recover(&damaged).unwrap();
-    assert!(report.lossy && report.summary_intact && report.messages_without_channel == 0, "{report}");
-    assert!(messages.len() > case.original.len() / 2);
-    let pose = &report.channels["/ground_truth/pose"];
-    assert_eq!(pose.expected, Some(u64::from(FRAMES)));
-    assert_eq!(pose.missing_sequences, [(0, pose.expected.unwrap() as u32 - pose.messages as u32 - 1)]);
-    assert!(report.damage.iter().any(|damage| damage.offset == first.start as u64 && damage.what.contains("chunk")));
-    // Without the summary as well, nobody knows what the messages are: they are counted, not guessed.
-    let (report, messages) = case.recover(&damaged[..damaged.len() - 500]).unwrap();
-    assert!(report.lossy && report.messages_without_channel > 0, "{report}");
-    let times = &chunks(&case.bytes)[1].1;
-    let in_chunk = case.original.values().filter(|(time, _)| times.contains(time)).count() as u64;
-    assert_eq!(report.messages + report.messages_without_channel + in_chunk, case.original.len() as u64);
-    assert!(messages.len() < case.original.len());
+    assert_eq!((messages.len(), report.messages_without_channel), (case.original.len(), 0));
+    assert!(defining.messages.is_empty() && !report.lossy && !report.data_section_intact, "{report}");
+    assert!(report.damage.iter().any(|d| d.offset == defining.bytes.start as u64 && d.what.contains("chunk")));
+
+    // Without the summary, the copy outside the chunks still names the messages.
+    let (report, messages) = case.recover(&damaged[..without_summary]).unwrap();
+    assert!(report.lossy && !report.summary_intact && report.messages_without_channel == 0, "{report}");
+    assert_eq!(poses(&messages), FRAMES as usize);
+
+    // Without that as well, nobody knows what they are: they are counted, not guessed.
+    let copy = b"pslam/channel/ground_truth/pose";
+    let at = damaged.windows(copy.len()).position(|window| window == copy).unwrap();
+    damaged[at] ^= 1;
+    let (report, messages) = case.recover(&damaged[..without_summary]).unwrap();
+    assert_eq!((poses(&messages), report.messages_without_channel), (0, u64::from(FRAMES)));
+    assert!(report.to_string().contains("40 messages whose channel is unknown"));
+}
+
+#[test]
+fn missing_sequences_are_told() {
+    let case = Case::new();
+    let whole = chunks(&case.bytes);
+    let lost = &whole[whole.len() - 3];
+    let mut damaged = case.bytes.clone();
+    damaged[lost.bytes.end - 10] ^= 1;
+    let (report, _) = case.recover(&damaged).unwrap();
+    let in_chunk: Vec<u32> = lost.messages.iter().filter(|(topic, _)| topic == "/tf").map(|(_, n)| *n).collect();
+    let tf = &report.channels["/tf"];
+    assert_eq!(tf.missing_sequences, [(in_chunk[0], in_chunk[in_chunk.len() - 1])]);
+    assert_eq!((tf.expected, tf.messages), (Some(u64::from(FRAMES)), u64::from(FRAMES) - in_chunk.len() as u64));
 }
 
 #[test]

@@ -22,11 +22,34 @@ pub const PAIRING: &str = "pslam/pairing";
 pub const TOLERANCE_NS: &str = "tolerance_ns";
 /// A segmentation layer is described under this prefix and its name. Keys: `origin`, `void`, `class_encoding`.
 pub const SEGMENTATION_PREFIX: &str = "pslam/segmentation/";
+/// A channel's definition, under this prefix and its topic: a second copy, outside the chunks, from which `recover` names
+/// the messages of intact chunks when the chunk with the definitions is lost. Keys: the constants in [`channel`].
+pub const CHANNEL_PREFIX: &str = "pslam/channel";
 /// What an importer found, written at the end. Keys: `paired`, `unpaired_color`, `unpaired_depth`, `largest_gap_ns`
 /// (largest distance within a pair), `camera` (origin of the calibration), and one key a kind of repair with its count.
 pub const IMPORT: &str = "pslam/import";
 /// Written by `recover`: what the damaged file had lost.
 pub const RECOVERY: &str = "pslam/recovery";
+
+/// Keys of a record under [`CHANNEL_PREFIX`].
+pub mod channel {
+    /// Channel id in the file.
+    pub const ID: &str = "id";
+    /// The topic.
+    pub const TOPIC: &str = "topic";
+    /// Message encoding, `cdr`.
+    pub const ENCODING: &str = "encoding";
+    /// Schema id in the file.
+    pub const SCHEMA_ID: &str = "schema_id";
+    /// Schema name, `package/msg/Type`.
+    pub const SCHEMA_NAME: &str = "schema_name";
+    /// Schema encoding, `ros2msg`.
+    pub const SCHEMA_ENCODING: &str = "schema_encoding";
+    /// Schema text.
+    pub const SCHEMA_TEXT: &str = "schema_text";
+    /// The channel's own metadata: this and the key.
+    pub const METADATA_PREFIX: &str = "metadata/";
+}
 
 /// Version of the conventions in this crate.
 pub const LOG_FORMAT: &str = "1";

@@ -146,7 +146,8 @@ impl Copy {
         }
     }
 
-    /// Definitions first from the verified summary (their chunk may be lost), then from each chunk as it comes.
+    /// Definitions first from the verified summary (their chunk may be lost), then from each chunk and each copy outside
+    /// the chunks as it comes.
     fn run(&mut self, window: &mut Window) -> Result<(), CopyError> {
         if let Some(summary) = &mut self.summary {
             self.schemas = std::mem::take(&mut summary.schemas);
@@ -167,7 +168,13 @@ impl Copy {
                 }
                 Found::Metadata { name, values } => {
                     self.metadata += 1;
-                    self.log.metadata(&name, values)?;
+                    match records::channel_copy(&name, &values) {
+                        Some((id, channel, schema)) => {
+                            self.schemas.insert(channel.schema_id, schema);
+                            self.define(id, &channel)?;
+                        }
+                        None => self.log.metadata(&name, values)?,
+                    }
                 }
             }
         }
@@ -209,12 +216,9 @@ impl Copy {
     /// Opens a channel in the new log. One whose schema is unknown stays undefined: its messages are counted as lost.
     fn define(&mut self, id: u16, channel: &ChannelDefinition) -> Result<(), WriteError> {
         let schema = match (channel.schema_id, self.schemas.get(&channel.schema_id)) {
-            (0, _) => 0,
+            (0, _) => None,
             (_, None) => return Ok(()),
-            (_, Some(schema)) => {
-                let (name, encoding, data) = (schema.name.as_str(), schema.encoding.as_str(), schema.data.as_slice());
-                RawSchema { name, encoding, data }.id(&mut self.log)?
-            }
+            (_, Some(SchemaDefinition { name, encoding, data })) => Some(RawSchema { name, encoding, data }),
         };
         let opened = self.log.add_channel(schema, &channel.topic, &channel.message_encoding, &channel.metadata)?;
         self.channels.insert(id, OpenChannel { id: opened, topic: channel.topic.clone() });

@@ -3,6 +3,7 @@
 use super::report::Damage;
 use super::scan::RECORD_HEAD;
 use super::window::Window;
+use schemas::metadata;
 use std::collections::BTreeMap;
 use std::io;
 
@@ -96,6 +97,30 @@ pub struct ChannelDefinition {
     pub topic: String,
     pub message_encoding: String,
     pub metadata: BTreeMap<String, String>,
+}
+
+/// The definitions in a verified metadata record, if it is a channel's second copy.
+pub fn channel_copy(
+    name: &str,
+    values: &BTreeMap<String, String>,
+) -> Option<(u16, ChannelDefinition, SchemaDefinition)> {
+    use metadata::channel as key;
+    name.strip_prefix(metadata::CHANNEL_PREFIX)?;
+    let text = |key: &str| values.get(key).cloned();
+    let id = values.get(key::ID)?.parse().ok()?;
+    let schema = SchemaDefinition {
+        name: text(key::SCHEMA_NAME)?,
+        encoding: text(key::SCHEMA_ENCODING)?,
+        data: text(key::SCHEMA_TEXT)?.into_bytes(),
+    };
+    let own = values.iter().filter_map(|(key, value)| Some((key.strip_prefix(key::METADATA_PREFIX)?, value)));
+    let channel = ChannelDefinition {
+        schema_id: values.get(key::SCHEMA_ID)?.parse().ok()?,
+        topic: text(key::TOPIC)?,
+        message_encoding: text(key::ENCODING)?,
+        metadata: own.map(|(key, value)| (key.to_owned(), value.clone())).collect(),
+    };
+    Some((id, channel, schema))
 }
 
 /// A message's own fields.
