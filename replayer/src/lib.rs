@@ -6,5 +6,6 @@ pub mod eval;
 pub mod inspect;
 pub mod log;
 mod output;
+pub mod plot;
 
 pub use output::{OutputError, write_file};

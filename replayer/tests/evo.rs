@@ -1,6 +1,8 @@
 //! Errors equal those of evo 1.38.1 on the same files. `tests/python/compare_evo.py --golden` writes the files and evo's
 //! numbers; run it to compare many more cases.
 
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 use std::collections::BTreeMap;
 use std::path::Path;
 

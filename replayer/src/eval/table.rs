@@ -26,7 +26,12 @@ impl fmt::Display for RpeOptions {
     }
 }
 
-/// Label, unit, digits after the point.
+/// What rounds to zero prints without a minus.
+fn unsigned_zero(value: f64) -> f64 {
+    if value.abs() < 5e-6 { 0.0 } else { value }
+}
+
+/// One line of the table.
 fn row(f: &mut fmt::Formatter<'_>, label: &str, unit: &str, s: Option<&Statistics>) -> fmt::Result {
     write!(f, "{label:<16} {unit:<4}")?;
     match s {
@@ -63,7 +68,14 @@ impl fmt::Display for Evaluation {
         }
         writeln!(f, "\n{:<21} {:>9} {:>9} {:>9}", "ATE by axis", "rmse", "mean", "max abs")?;
         for (name, axis) in ["x", "y", "z"].iter().zip(&self.axes_m) {
-            writeln!(f, "{name:<16} {:<4} {:>9.5} {:>9.5} {:>9.5}", "m", axis.rmse, axis.mean, axis.max_abs)?;
+            writeln!(
+                f,
+                "{name:<16} {:<4} {:>9.5} {:>9.5} {:>9.5}",
+                "m",
+                axis.rmse,
+                unsigned_zero(axis.mean),
+                axis.max_abs
+            )?;
         }
         Ok(())
     }

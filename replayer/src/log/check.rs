@@ -157,11 +157,11 @@ impl Checker {
         }
     }
 
-    fn find(&mut self, severity: Severity, kind: &'static str, example: impl ToString) {
+    fn find(&mut self, severity: Severity, kind: &'static str, example: impl Into<String>) {
         let finding = self.findings.entry(kind).or_insert(Finding { severity, kind, count: 0, examples: Vec::new() });
         finding.count += 1;
         if finding.examples.len() < EXAMPLES {
-            finding.examples.push(example.to_string());
+            finding.examples.push(example.into());
         }
     }
 
@@ -187,11 +187,11 @@ impl Checker {
             Event::ChunkIndex(index) => {
                 self.indexed_chunks.insert(index.chunk_start_offset);
             }
-            Event::Damage(error) => return self.find(Severity::Error, "damage", error),
+            Event::Damage(error) => return self.find(Severity::Error, "damage", error.to_string()),
             Event::Header { .. } | Event::Channel(_) | Event::Attachment { .. } => {}
         }
         if let Err(error) = self.log.take(event) {
-            self.find(Severity::Error, "message", error);
+            self.find(Severity::Error, "message", error.to_string());
         }
     }
 
@@ -228,7 +228,7 @@ impl Checker {
             }
         }
         if let Err(reason) = self.contents(message) {
-            self.find(Severity::Error, "contents", message.error(&self.path, reason));
+            self.find(Severity::Error, "contents", message.error(&self.path, reason).to_string());
         }
     }
 
@@ -315,7 +315,7 @@ impl Checker {
     fn frames(&mut self) {
         let timeline = match self.log.timeline(None) {
             Ok(timeline) => timeline,
-            Err(error) => return self.find(Severity::Error, "no_timeline", error),
+            Err(error) => return self.find(Severity::Error, "no_timeline", error.to_string()),
         };
         let has_depth = timeline.frames().iter().any(|frame| frame.depth_stamp().is_some());
         for frame in timeline.frames().iter().filter(|frame| has_depth && frame.depth_stamp().is_none()) {
@@ -328,7 +328,7 @@ impl Checker {
         let layers: Vec<String> = self.log.layers().into_iter().map(str::to_owned).collect();
         for layer in layers {
             if let Err(error) = self.layer(&layer) {
-                self.find(Severity::Error, "masks", error);
+                self.find(Severity::Error, "masks", error.to_string());
             }
         }
         let truth = &self.log.ground_truth().poses;

@@ -47,8 +47,11 @@ fn decompress(header: &ChunkHeader, data: &[u8]) -> Result<Vec<u8>, String> {
     Ok(contents)
 }
 
-/// One record at `offset` of an unpacked chunk: opcode, body, offset behind it. `None` at the end.
-pub fn inner_record(contents: &[u8], offset: usize) -> Result<Option<(u8, &[u8], usize)>, String> {
+/// Opcode, body, offset behind it.
+pub type InnerRecord<'a> = (u8, &'a [u8], usize);
+
+/// One record at `offset` of an unpacked chunk; `None` at the end.
+pub fn inner_record(contents: &[u8], offset: usize) -> Result<Option<InnerRecord<'_>>, String> {
     if offset == contents.len() {
         return Ok(None);
     }

@@ -39,9 +39,9 @@ pub struct MessageEvent<'a> {
 }
 
 impl MessageEvent<'_> {
-    pub fn error(&self, path: &Path, reason: impl ToString) -> LogError {
+    pub fn error(&self, path: &Path, reason: impl Into<String>) -> LogError {
         let (topic, sequence, stamp) = (self.channel.topic.clone(), self.sequence, self.log_time);
-        LogError::Message { path: path.to_owned(), topic, sequence, stamp, reason: reason.to_string() }
+        LogError::Message { path: path.to_owned(), topic, sequence, stamp, reason: reason.into() }
     }
 }
 

@@ -72,8 +72,8 @@ impl LogError {
         Self::Io { path: path.to_owned(), source }
     }
 
-    pub(crate) fn damaged(path: &Path, what: &'static str, offset: u64, reason: impl ToString) -> Self {
-        Self::Damaged { path: path.to_owned(), what, offset, reason: reason.to_string() }
+    pub(crate) fn damaged(path: &Path, what: &'static str, offset: u64, reason: impl Into<String>) -> Self {
+        Self::Damaged { path: path.to_owned(), what, offset, reason: reason.into() }
     }
 
     pub(crate) fn missing(path: &Path, what: impl Into<String>) -> Self {
