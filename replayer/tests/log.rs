@@ -8,9 +8,9 @@ use std::path::{Path, PathBuf};
 use recorder::import::{PanopticSource, TumOptions, tum};
 use recorder::{LayerSpec, LogOptions, Mask, RgbdLog, RgbdSpec, picture};
 use replayer::log::{Log, LogError, Severity, check, decode};
-use schemas::Stamp;
 use schemas::calibration::{CameraModel, Distortion};
-use schemas::msg::{Category, Segment};
+use schemas::msg::{CameraInfo, Category, CompressedImage, Header, Image, Segment};
+use schemas::{Message, Stamp, topics};
 
 const WIDTH: u32 = 16;
 const HEIGHT: u32 = 12;
@@ -252,4 +252,86 @@ fn a_real_sequence_is_whole() {
     let frame = decode(&first, &log.camera().unwrap()).unwrap();
     assert_eq!(frame.depth.unwrap().units, pixels);
     assert!(frame.mask.unwrap().segments.len() > 1);
+}
+
+/// Frames in reverse order, as a merge of several files may leave them.
+fn write_foreign(path: &Path, options: mcap::WriteOptions) {
+    let mut writer = options.profile("ros2").create(std::fs::File::create(path).unwrap()).unwrap();
+    let mut channel = |topic: &str, name: &str, text: &str| {
+        let schema = writer.add_schema(name, "ros2msg", text.as_bytes()).unwrap();
+        writer.add_channel(schema, topic, "cdr", &BTreeMap::new()).unwrap()
+    };
+    let color = channel(topics::COLOR, CompressedImage::SCHEMA_NAME, &CompressedImage::schema_text());
+    let depths = channel(topics::DEPTH, Image::SCHEMA_NAME, &Image::schema_text());
+    let info = channel(topics::COLOR_INFO, CameraInfo::SCHEMA_NAME, &CameraInfo::schema_text());
+    let other = channel("/chatter", "std_msgs/msg/String", "string data\n");
+    for frame in (0..FRAMES).rev() {
+        let header = Header::new(stamp(frame), "camera").unwrap();
+        let log_time = stamp(frame).0 as u64 + 1000; // received a little later
+        let mut write = |channel_id, data: Vec<u8>| {
+            let head = mcap::records::MessageHeader { channel_id, sequence: 0, log_time, publish_time: log_time };
+            writer.write_to_known_channel(&head, &data).unwrap();
+        };
+        write(info, camera().to_camera_info(header.clone()).encode());
+        let png = picture::encode_rgb8(WIDTH, HEIGHT, &rgb(frame)).unwrap();
+        write(color, CompressedImage { header: header.clone(), format: "png".to_owned(), data: png.into() }.encode());
+        write(depths, Image::from_u16(header, "16UC1", WIDTH, &depth(frame)).encode());
+        write(other, b"\0\x01\0\0\x03\0\0\0hi\0".to_vec());
+    }
+    writer.finish().unwrap();
+}
+
+#[test]
+fn logs_of_other_writers_are_read_in_order_of_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let kinds = [
+        mcap::WriteOptions::new().compression(None),
+        mcap::WriteOptions::new().compression(Some(mcap::Compression::Lz4)),
+        mcap::WriteOptions::new().compression(Some(mcap::Compression::Zstd)).chunk_size(Some(3000)),
+        mcap::WriteOptions::new().use_chunks(false),
+        mcap::WriteOptions::new().calculate_chunk_crcs(false).calculate_data_section_crc(false),
+    ];
+    for (kind, options) in kinds.into_iter().enumerate() {
+        let path = folder.path().join(format!("{kind}.mcap"));
+        write_foreign(&path, options);
+        let log = Log::open(&path).unwrap();
+        assert_eq!(log.depth_units_per_metre().unwrap(), 1000.0, "ROS depth is in millimetres");
+        let timeline = log.timeline(log.default_layer()).unwrap();
+        for (index, raw) in timeline.stream(0..FRAMES).unwrap().enumerate() {
+            let frame = decode(&raw.unwrap(), &camera()).unwrap();
+            assert_eq!((frame.stamp, frame.rgb.data), (stamp(index), rgb(index)), "kind {kind}");
+            assert_eq!(frame.depth.unwrap().units, depth(index));
+        }
+        let report = check(&path).unwrap();
+        assert!(report.is_sound(), "{report}");
+        let kinds: Vec<_> = report.findings.iter().map(|f| (f.kind, f.count)).collect();
+        assert!(kinds.contains(&("log_time_differs_from_header", 3 * FRAMES)), "{report}");
+        assert!(kinds.contains(&("stamp_goes_back", 4 * (FRAMES - 1))), "{report}");
+    }
+}
+
+#[test]
+fn hostile_bytes_give_errors_and_no_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("hostile.mcap");
+    // A chunk that claims 2^60 bytes unpacked, a record that claims 2^60 bytes, an attachment of one byte, empty records.
+    let mut huge_chunk = vec![0; 16];
+    huge_chunk.extend((1u64 << 60).to_le_bytes());
+    huge_chunk.extend([0; 4 + 4 + 8]);
+    let record = |opcode: u8, len: u64, body: &[u8]| [&[opcode][..], &len.to_le_bytes(), body].concat();
+    let mut cases = vec![
+        record(6, huge_chunk.len() as u64, &huge_chunk),
+        record(6, 1 << 60, b""),
+        record(9, 1, b"x"),
+        record(9, 6, b"xxxxxx"),
+        record(5, 3, b"abc"),
+        record(5, 22, &[7; 22]),
+    ];
+    cases.extend((0..=16).map(|opcode| record(opcode, 0, b"")));
+    cases.extend((0..=16).map(|opcode| record(opcode, 40, &[0xff; 40])));
+    for case in cases {
+        std::fs::write(&path, [mcap::MAGIC, &case, mcap::MAGIC].concat()).unwrap();
+        assert!(Log::open(&path).is_err(), "{case:?}");
+        assert!(!check(&path).unwrap().is_sound(), "{case:?}");
+    }
 }
