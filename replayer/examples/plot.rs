@@ -1,16 +1,16 @@
-//! Draws estimates beside the truth: `cargo run -p replayer --example plot -- TRUTH OUT.svg ESTIMATE ...`.
+//! Draws estimates beside the truth: `cargo run -p replayer --example plot -- TRUTH|LOG OUT.svg ESTIMATE ...`.
 
 use std::error::Error;
 use std::path::Path;
 
 use replayer::eval::{Comparison, EvalOptions, Evaluation, Trajectory, evaluate};
 use replayer::plot::{PlotEstimate, trajectories_svg};
-use replayer::write_file;
+use replayer::{read_truth, write_file};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let args: Vec<String> = std::env::args().skip(1).collect();
     let [truth, out, estimates @ ..] = args.as_slice() else { return Err("wanted: TRUTH OUT.svg ESTIMATE ...".into()) };
-    let truth = Trajectory::read_tum(Path::new(truth))?;
+    let truth = read_truth(Path::new(truth))?;
     let mut rows: Vec<(&str, Evaluation)> = Vec::new();
     for path in estimates {
         let path = Path::new(path);

@@ -7,5 +7,7 @@ pub mod inspect;
 pub mod log;
 mod output;
 pub mod plot;
+mod truth;
 
 pub use output::{OutputError, write_file};
+pub use truth::{TruthError, read_truth};

@@ -108,6 +108,10 @@ fn frames_come_back_to_the_last_pixel() {
     assert_eq!(log.ground_truth().poses.len(), FRAMES);
     assert_eq!(log.ground_truth().poses[3].stamp, stamp(3));
     assert_eq!(log.ground_truth().length_m(), (FRAMES - 1) as f64);
+    assert_eq!(replayer::read_truth(&path).unwrap(), *log.ground_truth());
+    let text = path.with_extension("txt");
+    std::fs::write(&text, log.ground_truth().to_tum()).unwrap();
+    assert_eq!(replayer::read_truth(&text).unwrap(), *log.ground_truth());
 }
 
 #[test]

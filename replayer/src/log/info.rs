@@ -245,7 +245,10 @@ impl fmt::Display for LogInfo {
             let LayerInfo { name, masked_frames, things, stuff } = layer;
             writeln!(f, "segmentation  {name}: {masked_frames} masks, {things} things and {stuff} stuff categories")?;
         }
-        for (name, values) in &self.metadata {
+        // Copies of channel definitions are for `recover`; the table of topics tells the same.
+        let copy =
+            |name: &str| name.starts_with(metadata::CHANNEL_PREFIX) && !self.wrong_checksums.iter().any(|w| w == name);
+        for (name, values) in self.metadata.iter().filter(|(name, _)| !copy(name)) {
             let wrong = if self.wrong_checksums.contains(name) { "  WRONG CHECKSUM" } else { "" };
             writeln!(f, "\n{name}{wrong}")?;
             for (key, value) in values.iter().filter(|(key, _)| *key != metadata::CHECKSUM_KEY) {
