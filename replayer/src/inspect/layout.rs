@@ -1,0 +1,106 @@
+//! The layout the viewer opens with.
+
+use rrd::{Blueprint, Container, Eye, Layout, Node, Panel, Spatial2d, Spatial3d, TimePanel, View, ViewKind};
+
+use super::truth::ERROR;
+
+/// How to read the file; shown in a tab.
+pub const ABOUT: &str = "\
+# How to read this
+
+**Space.** Blue: the way as known at each frame. Gold: the true way, laid over the final estimate. Pale: the final \
+estimate. The camera's frustum is green while tracked and red while lost. Small pyramids are keyframes, the lines \
+between them tell how many points they share. Points: green are seen now, pale are settled, blue are young, yellow lie \
+on Things that stand still, magenta on unknown areas that stand still, orange are in doubt.
+
+**Keypoints.** The colour is the panoptic filter's verdict; large ones are matched to the map. The plot *keypoints by \
+verdict* is the legend.
+
+**Regions.** Boxes name class, track and state of a segment, and the larger share of its samples that speaks for \
+motion (keypoints that moved, depth in formerly free space).
+
+**Residuals.** Green fits a static world, red does not. *Epipolar*: pixels from the line, red from 4. *Motion*: \
+standard deviations under the static hypothesis, red from 6.
+
+Click an item to see its values. Views hold more than they show: open the left panel and switch entities on.";
+
+/// The layout for pictures of this size; `has_error` when there is a truth to compare with.
+pub fn layout([width, height]: [u32; 2], fps: f64, has_error: bool) -> Blueprint {
+    let columns = Container::new(
+        Layout::Horizontal,
+        "inspection",
+        vec![space().into(), pictures(width, height).into(), curves(has_error).into()],
+    );
+    let time = TimePanel { fps, playing: true, panel: Panel::Collapsed, ..TimePanel::default() };
+    Blueprint { time, ..Blueprint::new(columns.with_shares(&[1.25, 1.25, 1.0]).into()) }
+}
+
+/// The world, with the log below.
+fn space() -> Container {
+    // Behind and above the first camera, whose axes are the world's: x right, y down, z forward.
+    let eye = Eye { position: [-1.6, -2.2, -2.8], target: [0.0, 0.1, 1.2], up: [0.0, -1.0, 0.0] };
+    let world = View::new(ViewKind::Spatial3d(Spatial3d { eye: Some(eye), grid: false }), "map and cameras", "/world")
+        .with_contents(&["+ /world/**", "- /world/camera/**", "+ /world/camera", "+ /world/camera/color"])
+        .with_hidden(&["/world/trajectory/final"]);
+    let texts = vec![
+        View::new(ViewKind::TextLog, "events", "/log").into(),
+        View::new(ViewKind::TextDocument, "how to read this", "/about").into(),
+    ];
+    let texts = Container::new(Layout::Tabs, "texts", texts);
+    Container::new(Layout::Vertical, "space", vec![world.into(), texts.into()]).with_shares(&[2.6, 1.0])
+}
+
+/// One large picture, four small ones.
+fn pictures(width: u32, height: u32) -> Container {
+    let bounds = Some([0.0, 0.0, f64::from(width), f64::from(height)]);
+    let view = |name: &str, layers: &[&str]| -> Node {
+        let mut contents = vec!["+ $origin/color"];
+        contents.extend(layers);
+        View::new(ViewKind::Spatial2d(Spatial2d { bounds }), name, "/world/camera").with_contents(&contents).into()
+    };
+    let large = vec![
+        view("keypoints by verdict", &["+ $origin/keypoints", "+ $origin/regions/boxes"]),
+        view("epipolar residual", &["+ $origin/epipolar"]),
+        view("motion residual", &["+ $origin/motion"]),
+    ];
+    let small = vec![
+        view("segmentation", &["+ $origin/segmentation"]),
+        view("depth", &["- $origin/color", "+ $origin/depth"]),
+        view("segment tracks", &["+ $origin/regions/**"]),
+        view("unknown area", &["+ $origin/unknown"]),
+    ];
+    let large = Container::new(Layout::Tabs, "keypoints", large);
+    let small = Container::new(Layout::Grid(2), "inputs and regions", small);
+    Container::new(Layout::Vertical, "pictures", vec![large.into(), small.into()]).with_shares(&[1.0, 1.15])
+}
+
+/// Four plots, the less asked-for ones behind them in tabs.
+fn curves(has_error: bool) -> Container {
+    let plot =
+        |name: &str, entity: &str| -> Node { View::new(ViewKind::TimeSeries { y_range: None }, name, entity).into() };
+    let tabs = |name: &str, plots| -> Node { Container::new(Layout::Tabs, name, plots).into() };
+    let mut rows = vec![
+        tabs("filter", vec![plot("keypoints by verdict", "/plots/verdicts"), plot("segment tracks", "/plots/regions")]),
+        tabs(
+            "residuals",
+            vec![
+                plot("epipolar residual, px", "/plots/epipolar"),
+                plot("motion residual, sigmas", "/plots/motion"),
+                plot("fundamental matrix", "/plots/epipolar_support"),
+            ],
+        ),
+        tabs("tracking", vec![plot("matches", "/plots/matches")]),
+        tabs(
+            "mapping",
+            vec![
+                plot("map points", "/plots/map"),
+                plot("keyframes", "/plots/keyframes"),
+                plot("map edits", "/plots/edits"),
+            ],
+        ),
+    ];
+    if has_error {
+        rows.push(plot("error against truth, mm", ERROR));
+    }
+    Container::new(Layout::Vertical, "curves", rows)
+}
