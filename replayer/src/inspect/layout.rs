@@ -16,7 +16,7 @@ on Things that stand still, magenta on unknown areas that stand still, orange ar
 **Keypoints.** The colour is the panoptic filter's verdict; large ones are matched to the map. The plot *keypoints by \
 verdict* is the legend.
 
-**Regions.** Boxes name class, track and state of a segment, and the larger share of its samples that speaks for \
+**Segments.** Boxes name class, track and verdict of a segment, and the larger share of its samples that speaks for \
 motion (keypoints that moved, depth in formerly free space).
 
 **Residuals.** Green fits a static world, red does not. *Epipolar*: pixels from the line, red from 4. *Motion*: \
@@ -38,7 +38,7 @@ pub fn layout([width, height]: [u32; 2], fps: f64, has_error: bool) -> Blueprint
 /// The world, with the log below.
 fn space() -> Container {
     // Behind and above the first camera, whose axes are the world's: x right, y down, z forward.
-    let eye = Eye { position: [-1.6, -2.2, -2.8], target: [0.0, 0.1, 1.2], up: [0.0, -1.0, 0.0] };
+    let eye = Eye { position: [-1.1, -1.3, -1.9], target: [0.05, 0.15, 1.0], up: [0.0, -1.0, 0.0] };
     let world = View::new(ViewKind::Spatial3d(Spatial3d { eye: Some(eye), grid: false }), "map and cameras", "/world")
         .with_contents(&["+ /world/**", "- /world/camera/**", "+ /world/camera", "+ /world/camera/color"])
         .with_hidden(&["/world/trajectory/final"]);
@@ -59,7 +59,7 @@ fn pictures(width: u32, height: u32) -> Container {
         View::new(ViewKind::Spatial2d(Spatial2d { bounds }), name, "/world/camera").with_contents(&contents).into()
     };
     let large = vec![
-        view("keypoints by verdict", &["+ $origin/keypoints", "+ $origin/regions/boxes"]),
+        view("keypoints by verdict", &["+ $origin/keypoints", "+ $origin/regions/moving"]),
         view("epipolar residual", &["+ $origin/epipolar"]),
         view("motion residual", &["+ $origin/motion"]),
     ];
@@ -102,5 +102,7 @@ fn curves(has_error: bool) -> Container {
     if has_error {
         rows.push(plot("error against truth, mm", ERROR));
     }
-    Container::new(Layout::Vertical, "curves", rows)
+    // The first plot is the legend of the keypoints' colours and needs room for its eight names.
+    let shares: Vec<f32> = (0..rows.len()).map(|row| if row == 0 { 1.5 } else { 1.0 }).collect();
+    Container::new(Layout::Vertical, "curves", rows).with_shares(&shares)
 }

@@ -5,7 +5,7 @@
 //! | `/world/camera` | pose and intrinsics; the frustum is red while the track is lost |
 //! | `/world/camera/color`, `depth`, `segmentation` | what the log gave |
 //! | `/world/camera/unknown` | pixels that no segment claims |
-//! | `/world/camera/regions`, `regions/boxes` | segment tracks: area coloured by state; box with class, id and evidence |
+//! | `/world/camera/regions`, `regions/moving`, `regions/still` | segment tracks: area by state; boxes with class, id and evidence |
 //! | `/world/camera/keypoints` | keypoints coloured by verdict; those matched to the map are larger |
 //! | `/world/camera/epipolar`, `motion` | keypoints coloured by residual |
 //! | `/world/map/points`, `tracked` | map points coloured by state; those seen now |
@@ -14,6 +14,7 @@
 //! | `/plots/*`, `/log`, `/about` | counts and residuals over time, events, how to read it all |
 
 mod curves;
+mod events;
 mod layout;
 mod picture;
 mod style;
@@ -22,7 +23,7 @@ mod world;
 
 use std::path::{Path, PathBuf};
 
-use rrd::{At, Level, RrdError, RrdWriter, TextDocument, TextLog};
+use rrd::{At, RrdError, RrdWriter, TextDocument};
 use slam::input::{FrameInput, Setup};
 use slam::map::Map;
 use slam::report::FrameReport;
@@ -67,6 +68,7 @@ pub struct Inspector {
     /// Stamps and frames logged, for the frame rate and for what is only known at the end.
     times: Vec<At>,
     world: world::World,
+    events: events::Events,
 }
 
 impl Inspector {
@@ -81,7 +83,8 @@ impl Inspector {
         curves::log_styles(&mut file)?;
         world::log_static(&mut file)?;
         file.log("/about", At::Static, &TextDocument { markdown: layout::ABOUT })?;
-        Ok(Self { file, setup: setup.clone(), times: Vec::new(), world: world::World::default() })
+        let (world, events) = Default::default();
+        Ok(Self { file, setup: setup.clone(), times: Vec::new(), world, events })
     }
 
     /// Logs one frame. Without `color`, the grey picture is shown.
@@ -101,10 +104,7 @@ impl Inspector {
         picture::log_findings(&mut self.file, at, report, &self.setup)?;
         self.world.log(&mut self.file, at, report, map, &self.setup.camera)?;
         curves::log(&mut self.file, at, report)?;
-        for event in &report.events {
-            let level = if event.warning { Level::Warn } else { Level::Info };
-            self.file.log("/log", at, &TextLog { level, text: &event.text })?;
-        }
+        self.events.log(&mut self.file, at, report, &self.setup)?;
         Ok(())
     }
 

@@ -7,7 +7,7 @@ use rrd::{
     RrdWriter, SegmentationImage,
 };
 use slam::input::{DepthImage, FrameInput, PanopticMask, Setup};
-use slam::report::{FrameReport, KeypointReport, RegionReport};
+use slam::report::{FrameReport, KeypointReport, RegionReport, RegionState};
 
 use super::{ColorPicture, InspectError, style};
 
@@ -17,8 +17,10 @@ const DEPTH_RANGE_M: [f32; 2] = [0.3, 5.0];
 const EPIPOLAR_LIMIT_PX: f64 = 4.0;
 /// Residual shown in full red, standard deviations.
 const MOTION_LIMIT_SIGMAS: f64 = 6.0;
-/// Smallest share of the picture whose region gets a text: specks would bury the picture under theirs.
-const LABEL_SHARE: f64 = 0.004;
+/// Smallest share of the picture whose region gets a box: specks would bury the picture under their texts.
+const BOX_SHARE: f64 = 0.004;
+/// The same for regions without a verdict yet, which come and go with the segmentation's noise.
+const NEW_BOX_SHARE: f64 = 0.02;
 
 /// Colour or grey picture, depth, segmentation and the unknown area.
 pub fn log_inputs(
@@ -62,7 +64,9 @@ fn log_depth(file: &mut RrdWriter, at: At, depth: &DepthImage) -> Result<(), Ins
 }
 
 fn log_segmentation(file: &mut RrdWriter, at: At, mask: &PanopticMask) -> Result<(), RrdError> {
-    let classes: Vec<u16> = mask.ids.iter().map(|&id| mask.segment(id).map_or(0, |segment| segment.category)).collect();
+    let wide: Vec<u16> = mask.ids.iter().map(|&id| mask.segment(id).map_or(0, |s| s.category)).collect();
+    let narrow: Option<Vec<u8>> = wide.iter().map(|&class| u8::try_from(class).ok()).collect();
+    let classes = narrow.as_deref().map_or(ClassIds::U16(&wide), ClassIds::U8);
     let unknown: Vec<u8> = mask.ids.iter().map(|&id| u8::from(id == 0)).collect();
     let image = |classes, draw_order| SegmentationImage {
         width: mask.width as u32,
@@ -71,7 +75,7 @@ fn log_segmentation(file: &mut RrdWriter, at: At, mask: &PanopticMask) -> Result
         opacity: Some(0.65),
         draw_order: Some(draw_order),
     };
-    file.log("/world/camera/segmentation", at, &image(ClassIds::U16(&classes), 2.0))?;
+    file.log("/world/camera/segmentation", at, &image(classes, 2.0))?;
     file.log("/world/camera/unknown", at, &image(ClassIds::U8(&unknown), 3.0))
 }
 
@@ -109,35 +113,44 @@ fn log_region_areas(file: &mut RrdWriter, at: At, report: &FrameReport, setup: &
     file.log("/world/camera/regions", at, &image)
 }
 
+/// Two entities, so that a view can show what moves alone.
 fn log_region_boxes(file: &mut RrdWriter, at: At, report: &FrameReport, setup: &Setup) -> Result<(), RrdError> {
-    let picture_px = f64::from(setup.camera.width) * f64::from(setup.camera.height);
-    let large = |region: &&RegionReport| f64::from(region.area_px) >= LABEL_SHARE * picture_px;
-    let regions: Vec<&RegionReport> = report.regions.iter().filter(large).collect();
-    let boxes: Vec<[f32; 4]> = regions.iter().map(|region| region.bbox.map(|v| v as f32)).collect();
-    let class_ids: Vec<u16> = regions.iter().map(|region| style::region_class(region.state)).collect();
-    let labels: Vec<String> = regions.iter().map(|region| region_label(region, setup)).collect();
-    let boxes = Boxes2d {
-        boxes: &boxes,
-        labels: &labels,
-        class_ids: &class_ids,
-        radii: &[Radius::Ui(1.0)],
-        draw_order: Some(5.0),
-        ..Boxes2d::default()
-    };
-    file.log("/world/camera/regions/boxes", at, &boxes)
+    let moves = |region: &RegionReport| matches!(region.state, RegionState::Dynamic | RegionState::Person);
+    for (entity, moving) in [("/world/camera/regions/moving", true), ("/world/camera/regions/still", false)] {
+        let regions = report.regions.iter().filter(|region| moves(region) == moving && is_large(region, setup));
+        let regions: Vec<&RegionReport> = regions.collect();
+        let boxes: Vec<[f32; 4]> = regions.iter().map(|region| region.bbox.map(|v| v as f32)).collect();
+        let class_ids: Vec<u16> = regions.iter().map(|region| style::region_class(region.state)).collect();
+        let labels: Vec<String> = regions.iter().map(|region| region_label(region, setup)).collect();
+        let boxes = Boxes2d {
+            boxes: &boxes,
+            labels: &labels,
+            class_ids: &class_ids,
+            radii: &[Radius::Ui(1.0)],
+            draw_order: Some(5.0),
+            ..Boxes2d::default()
+        };
+        file.log(entity, at, &boxes)?;
+    }
+    Ok(())
 }
 
-/// Class, track and state; for what is judged by evidence, the larger share of it that speaks for motion.
+/// Whether a region is large enough to speak about.
+pub fn is_large(region: &RegionReport, setup: &Setup) -> bool {
+    let share = if region.state == RegionState::New { NEW_BOX_SHARE } else { BOX_SHARE };
+    let picture_px = f64::from(setup.camera.width) * f64::from(setup.camera.height);
+    f64::from(region.area_px) >= share * picture_px
+}
+
+/// Class, track and verdict; for what is judged by evidence, the larger share of it that speaks for motion.
 fn region_label(region: &RegionReport, setup: &Setup) -> String {
-    let category = setup.categories.iter().find(|category| category.id == region.category && category.id != 0);
-    let name = category.map_or("unknown", |category| category.name.as_str());
-    let (state, _) = style::region(region.state);
+    let name = style::category_name(region.category, setup);
+    if region.state == RegionState::Person {
+        return format!("{name} #{}", region.track);
+    }
     let shares = [region.moved_share, region.free_space_share];
     let moving = shares.into_iter().filter(|share| share.is_finite()).fold(0.0, slam_math::float::max);
-    match region.state {
-        slam::report::RegionState::Person => format!("{name} #{}", region.track),
-        _ => format!("{name} #{} {state} {:.0}%", region.track, 100.0 * moving),
-    }
+    format!("{name} #{} {} {:.0}%", region.track, style::region(region.state).0, 100.0 * moving)
 }
 
 fn log_keypoints(file: &mut RrdWriter, at: At, keypoints: &[KeypointReport]) -> Result<(), RrdError> {

@@ -1,7 +1,7 @@
 //! Colours and names: one meaning, one colour, in pictures, in space and in plots.
 
 use rrd::{AnnotationContext, At, Class, Rgba, RrdError, RrdWriter};
-use slam::input::Category;
+use slam::input::{Category, Setup};
 use slam::report::{RegionState, Verdict};
 
 /// Nothing to see.
@@ -47,10 +47,16 @@ pub const REGION_STATES: [RegionState; 4] =
 pub fn region(state: RegionState) -> (&'static str, Rgba) {
     match state {
         RegionState::New => ("new", YELLOW),
-        RegionState::Static => ("static", GREEN),
-        RegionState::Dynamic => ("dynamic", ORANGE),
+        RegionState::Static => ("still", GREEN),
+        RegionState::Dynamic => ("moves", ORANGE),
         RegionState::Person => ("person", RED),
     }
+}
+
+/// Name of a category; 0 and numbers without one are unknown.
+pub fn category_name(category: u16, setup: &Setup) -> &str {
+    let known = setup.categories.iter().find(|known| known.id == category && category != 0);
+    known.map_or("unknown", |known| known.name.as_str())
 }
 
 /// Class of a region's state in pictures; 0 is the background.

@@ -156,7 +156,7 @@ fn log_points(file: &mut RrdWriter, at: At, active: MapId, map: &Map) -> Result<
     let positions: Vec<[f32; 3]> = points.iter().map(|p| point(&p.position)).collect();
     let class_ids: Vec<u16> = points.iter().map(|p| state(p) as u16).collect();
     let points =
-        Points3d { positions: &positions, class_ids: &class_ids, radii: &[Radius::Ui(1.5)], ..Points3d::default() };
+        Points3d { positions: &positions, class_ids: &class_ids, radii: &[Radius::Ui(1.8)], ..Points3d::default() };
     file.log("/world/map/points", at, &points)
 }
 

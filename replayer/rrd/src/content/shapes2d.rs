@@ -1,4 +1,4 @@
-//! Shapes in image pixels: origin at the centre of the top left pixel plus (0.5, 0.5), x right, y down.
+//! Shapes in image pixels: (0, 0) is the outer corner of the top left pixel, whose centre is (0.5, 0.5); x right, y down.
 
 use re_sdk_types::SerializedComponentBatch;
 use re_sdk_types::archetypes;
