@@ -1,8 +1,12 @@
 //! The layout the viewer opens with.
 
+use nalgebra::Vector3;
 use rrd::{Blueprint, Container, Eye, Layout, Node, Panel, Spatial2d, Spatial3d, TimePanel, View, ViewKind};
+use slam_math::float;
 
 use super::truth::ERROR;
+use super::world::point;
+use crate::eval::Trajectory;
 
 /// How to read the file; shown in a tab.
 pub const ABOUT: &str = "\
@@ -24,21 +28,47 @@ standard deviations under the static hypothesis, red from 6.
 
 Click an item to see its values. Views hold more than they show: open the left panel and switch entities on.";
 
-/// The layout for pictures of this size; `has_error` when there is a truth to compare with.
-pub fn layout([width, height]: [u32; 2], fps: f64, has_error: bool) -> Blueprint {
+/// The layout for pictures of this size and this way of the camera; `has_error` when there is a truth to compare with.
+pub fn layout([width, height]: [u32; 2], fps: f64, estimate: &Trajectory, has_error: bool) -> Blueprint {
     let columns = Container::new(
         Layout::Horizontal,
         "inspection",
-        vec![space().into(), pictures(width, height).into(), curves(has_error).into()],
+        vec![space(eye(estimate)).into(), pictures(width, height).into(), curves(has_error).into()],
     );
     let time = TimePanel { fps, playing: true, panel: Panel::Collapsed, ..TimePanel::default() };
     Blueprint { time, ..Blueprint::new(columns.with_shares(&[1.25, 1.25, 1.0]).into()) }
 }
 
+/// Behind and above the camera's way, so that all of it shows, and what lies before it. The world has the axes of the
+/// first camera: y points down, or nearly so.
+fn eye(estimate: &Trajectory) -> Eye {
+    /// Distance at which things that the camera looks at are taken to be, metres.
+    const AHEAD_M: f64 = 1.0;
+    /// Smallest scene, metres.
+    const MIN_RADIUS_M: f64 = 0.7;
+    let mut corners: Option<(Vector3<f64>, Vector3<f64>)> = None;
+    let mut forward = Vector3::zeros();
+    for pose in &estimate.poses {
+        let ahead = pose.world_from_camera.rotation.column(2).into_owned();
+        forward += ahead;
+        let center = pose.world_from_camera.translation;
+        for point in [center, center + ahead * AHEAD_M] {
+            let (low, high) = corners.unwrap_or((point, point));
+            corners = Some((low.zip_map(&point, float::min), high.zip_map(&point, float::max)));
+        }
+    }
+    forward.y = 0.0;
+    let length = forward.norm();
+    let forward = if length > 0.0 { forward / length } else { Vector3::z() };
+    let (low, high) = corners.unwrap_or((Vector3::zeros(), Vector3::z()));
+    let (target, radius) = ((low + high) / 2.0, float::max((high - low).norm() / 2.0, MIN_RADIUS_M));
+    let left = Vector3::new(-forward.z, 0.0, forward.x);
+    let position = target + (left * 0.7 - Vector3::y() * 1.1 - forward * 1.5) * radius;
+    Eye { position: point(&position), target: point(&target), up: [0.0, -1.0, 0.0] }
+}
+
 /// The world, with the log below.
-fn space() -> Container {
-    // Behind and above the first camera, whose axes are the world's: x right, y down, z forward.
-    let eye = Eye { position: [-1.1, -1.3, -1.9], target: [0.05, 0.15, 1.0], up: [0.0, -1.0, 0.0] };
+fn space(eye: Eye) -> Container {
     let world = View::new(ViewKind::Spatial3d(Spatial3d { eye: Some(eye), grid: false }), "map and cameras", "/world")
         .with_contents(&["+ /world/**", "- /world/camera/**", "+ /world/camera", "+ /world/camera/color"])
         .with_hidden(&["/world/trajectory/final"]);
@@ -103,6 +133,6 @@ fn curves(has_error: bool) -> Container {
         rows.push(plot("error against truth, mm", ERROR));
     }
     // The first plot is the legend of the keypoints' colours and needs room for its eight names.
-    let shares: Vec<f32> = (0..rows.len()).map(|row| if row == 0 { 1.5 } else { 1.0 }).collect();
+    let shares: Vec<f32> = (0..rows.len()).map(|row| if row == 0 { 1.7 } else { 1.0 }).collect();
     Container::new(Layout::Vertical, "curves", rows).with_shares(&shares)
 }

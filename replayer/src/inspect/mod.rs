@@ -115,8 +115,8 @@ impl Inspector {
     /// [`InspectError::Rrd`].
     pub fn finish(mut self, estimate: &Trajectory, truth: Option<&Trajectory>) -> Result<PathBuf, InspectError> {
         let has_error = truth::log(&mut self.file, &self.times, estimate, truth)?;
-        let camera = &self.setup.camera;
-        self.file.blueprint(&layout::layout([camera.width, camera.height], frame_rate(&self.times), has_error))?;
+        let size = [self.setup.camera.width, self.setup.camera.height];
+        self.file.blueprint(&layout::layout(size, frame_rate(&self.times), estimate, has_error))?;
         Ok(self.file.finish()?)
     }
 }
