@@ -69,9 +69,9 @@ impl Context {
         let disparity_sigma = depth.map_or(1.0, |z| bf * self.config.sensor.depth_sigma(z) / (z * z));
         Measurement {
             pixel,
-            u_right: depth.map(|z| pixel[0] - bf / z),
+            disparity: depth.map(|z| bf / z),
             weight: 1.0 / (scale * scale),
-            weight_right: 1.0 / (scale * scale + disparity_sigma * disparity_sigma),
+            weight_disparity: 1.0 / (disparity_sigma * disparity_sigma),
         }
     }
 
@@ -79,7 +79,7 @@ impl Context {
     #[must_use]
     pub fn fits(&self, obs: &Observation, i: usize, in_camera: &Vector3<f64>) -> bool {
         let m = self.measurement(obs, i);
-        let limit = if m.u_right.is_some() { CHI2_3 } else { CHI2_2 };
+        let limit = if m.disparity.is_some() { CHI2_3 } else { CHI2_2 };
         let camera = DepthCamera { pinhole: self.pinhole, bf: self.config.sensor.bf };
         camera.chi2(in_camera, &m).is_some_and(|chi2| chi2 <= limit)
     }

@@ -1,4 +1,4 @@
-//! The measurement a depth camera gives of a point: a pixel and, where depth is known, a virtual right coordinate.
+//! The measurement a depth camera gives of a point: a pixel and, where depth is known, its disparity.
 
 use nalgebra::{Matrix3, Matrix6, Matrix6x3, Vector3, Vector6};
 
@@ -46,19 +46,21 @@ impl Pinhole {
 pub struct Measurement {
     /// Undistorted pixel.
     pub pixel: [f64; 2],
-    /// Where depth is known: `u - bf / depth`, pixels.
-    pub u_right: Option<f64>,
+    /// Where depth is known: `bf / depth`, pixels. Its noise is the depth sensor's alone: unlike the field's usual right
+    /// image coordinate `u - bf / depth` it shares none with the pixel, so accurate depth is not spoilt by the corner's
+    /// noise.
+    pub disparity: Option<f64>,
     /// Information of each pixel coordinate, `1 / sigma^2` in 1/px^2: lower on coarser octaves.
     pub weight: f64,
-    /// Information of `u_right`, 1/px^2: follows the noise of the depth, so far points count less. Unused without depth.
-    pub weight_right: f64,
+    /// Information of the disparity, 1/px^2: follows the noise of the depth, so far points count less. Unused without depth.
+    pub weight_disparity: f64,
 }
 
 impl Measurement {
     /// Every number is finite and the weights can be used.
     pub(crate) fn is_usable(&self) -> bool {
         let right =
-            self.u_right.is_none_or(|u| u.is_finite() && self.weight_right.is_finite() && self.weight_right >= 0.0);
+            self.disparity.is_none_or(|u| u.is_finite() && self.weight_disparity.is_finite() && self.weight_disparity >= 0.0);
         right && self.pixel.iter().all(|v| v.is_finite()) && self.weight.is_finite() && self.weight > 0.0
     }
 }
@@ -85,11 +87,11 @@ pub(crate) struct Linearized {
 }
 
 impl DepthCamera {
-    /// Predicted minus measured: u, v and (0 without depth) u_right, pixels. `None` when it can't be seen.
+    /// Predicted minus measured: u, v and (0 without depth) the disparity, pixels. `None` when it can't be seen.
     pub fn residual(&self, x: &Vector3<f64>, m: &Measurement) -> Option<[f64; 3]> {
         let [u, v] = self.pinhole.project(x)?;
-        let right = m.u_right.map_or(0.0, |u_right| u - self.bf / x[2] - u_right);
-        Some([u - m.pixel[0], v - m.pixel[1], right])
+        let depth = m.disparity.map_or(0.0, |disparity| self.bf / x[2] - disparity);
+        Some([u - m.pixel[0], v - m.pixel[1], depth])
     }
 
     /// Squared normalised residual, `None` when the point can't be seen or the value is not finite.
@@ -107,28 +109,28 @@ impl DepthCamera {
             return None;
         }
         let inverse_z = 1.0 / x[2];
-        // Rows of the Jacobian: (au, 0, cu), (0, av, cv), (au, 0, cr).
+        // Rows of the Jacobian: (au, 0, cu), (0, av, cv), (0, 0, cd).
         let (au, av) = (self.pinhole.fx * inverse_z, self.pinhole.fy * inverse_z);
         let (cu, cv) = (-au * x[0] * inverse_z, -av * x[1] * inverse_z);
-        let cr = cu + self.bf * inverse_z * inverse_z;
-        let (w, wr) = (m.weight, right_weight(m));
-        let xx = (w + wr) * au * au;
-        let xz = au * (w * cu + wr * cr);
+        let cd = -self.bf * inverse_z * inverse_z;
+        let (w, wd) = (m.weight, disparity_weight(m));
+        let xx = w * au * au;
+        let xz = w * au * cu;
         let yz = w * av * cv;
-        let zz = w * (cu * cu + cv * cv) + wr * cr * cr;
+        let zz = w * (cu * cu + cv * cv) + wd * cd * cd;
         let information = Matrix3::new(xx, 0.0, xz, 0.0, w * av * av, yz, xz, yz, zz);
-        let [eu, ev, er] = [w * e[0], w * e[1], wr * e[2]];
-        let gradient = Vector3::new(au * (eu + er), av * ev, cu * eu + cv * ev + cr * er);
+        let [eu, ev, ed] = [w * e[0], w * e[1], wd * e[2]];
+        let gradient = Vector3::new(au * eu, av * ev, cu * eu + cv * ev + cd * ed);
         Some(Linearized { chi2, information, gradient })
     }
 }
 
-fn right_weight(m: &Measurement) -> f64 {
-    if m.u_right.is_some() { m.weight_right } else { 0.0 }
+fn disparity_weight(m: &Measurement) -> f64 {
+    if m.disparity.is_some() { m.weight_disparity } else { 0.0 }
 }
 
 fn chi2_of(e: &[f64; 3], m: &Measurement) -> f64 {
-    m.weight * (e[0] * e[0] + e[1] * e[1]) + right_weight(m) * e[2] * e[2]
+    m.weight * (e[0] * e[0] + e[1] * e[1]) + disparity_weight(m) * e[2] * e[2]
 }
 
 /// `A^T M A` for the pose's derivative `A = [I, -[x]]` and a symmetric `M`.
@@ -214,11 +216,11 @@ mod tests {
             let [u, v] = CAMERA.pinhole.project(&x).unwrap();
             let m = Measurement {
                 pixel: [u + offset[0], v + offset[1]],
-                u_right: stereo.then_some(u - CAMERA.bf / x[2] + offset[2]),
+                disparity: stereo.then_some(CAMERA.bf / x[2] + offset[2]),
                 weight: weights[0],
-                weight_right: weights[1],
+                weight_disparity: weights[1],
             };
-            let w = Matrix3::from_diagonal(&Vector3::new(m.weight, m.weight, right_weight(&m)));
+            let w = Matrix3::from_diagonal(&Vector3::new(m.weight, m.weight, disparity_weight(&m)));
             let e = Vector3::from(CAMERA.residual(&x, &m).unwrap());
             let by_pose: Matrix3x6<f64> = numeric(&m, |d| (Se3::exp(d) * pose).transform(&point));
             let by_point: Matrix3<f64> = numeric(&m, |d| pose.transform(&(point + d)));
@@ -236,14 +238,14 @@ mod tests {
 
     #[test]
     fn what_cannot_be_seen_has_no_residual() {
-        let m = Measurement { pixel: [320.0, 240.0], u_right: None, weight: 1.0, weight_right: 0.0 };
+        let m = Measurement { pixel: [320.0, 240.0], disparity: None, weight: 1.0, weight_disparity: 0.0 };
         for z in [0.0, -1.0, f64::NAN, f64::NEG_INFINITY] {
             assert!(CAMERA.chi2(&Vector3::new(0.0, 0.0, z), &m).is_none());
         }
         assert!(CAMERA.chi2(&Vector3::new(1e200, 0.0, 1.0), &m).is_none());
         assert!(CAMERA.linearize(&Vector3::new(1e200, 0.0, 1.0), &m).is_none());
         assert!(!Measurement { weight: 0.0, ..m }.is_usable());
-        assert!(!Measurement { u_right: Some(f64::NAN), ..m }.is_usable());
+        assert!(!Measurement { disparity: Some(f64::NAN), ..m }.is_usable());
         assert!(!Measurement { pixel: [f64::INFINITY, 0.0], ..m }.is_usable());
     }
 }

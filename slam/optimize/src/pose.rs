@@ -173,7 +173,7 @@ impl Solver<'_> {
     fn normal_equations(&mut self, robust: bool) -> (f64, Matrix6<f64>, Vector6<f64>) {
         let (mut cost, mut information, mut gradient) = (0.0, Matrix6::zeros(), Vector6::zeros());
         for (i, o) in self.observations.iter().enumerate().filter(|(i, _)| self.active[*i]) {
-            let kernel = self.gates.kernel(robust, o.measurement.u_right.is_some());
+            let kernel = self.gates.kernel(robust, o.measurement.disparity.is_some());
             let x = self.pose.transform(&o.point_in_world);
             if let Some(l) = self.camera.linearize(&x, &o.measurement) {
                 let weight = kernel.weight(l.chi2);
@@ -189,7 +189,7 @@ impl Solver<'_> {
     fn cost(&self, pose: &Se3, robust: bool) -> f64 {
         let mut cost = 0.0;
         for (i, o) in self.observations.iter().enumerate().filter(|(i, _)| self.active[*i]) {
-            let kernel = self.gates.kernel(robust, o.measurement.u_right.is_some());
+            let kernel = self.gates.kernel(robust, o.measurement.disparity.is_some());
             let chi2 = self.camera.chi2(&pose.transform(&o.point_in_world), &o.measurement);
             cost += kernel.cost(chi2.unwrap_or(self.chi2[i]));
         }
@@ -203,7 +203,7 @@ impl Solver<'_> {
             let x = self.pose.transform(&o.point_in_world);
             let usable = o.measurement.is_usable();
             let chi2 = self.camera.chi2(&x, &o.measurement).filter(|_| usable).unwrap_or(f64::INFINITY);
-            let inlier = chi2 <= self.gates.of(o.measurement.u_right.is_some());
+            let inlier = chi2 <= self.gates.of(o.measurement.disparity.is_some());
             changed |= inlier != self.active[i];
             self.chi2[i] = chi2;
             self.active[i] = inlier;

@@ -30,7 +30,7 @@ fn the_scene_is_recovered_to_its_noise() {
     let report = bundle_adjust(&mut problem, &options);
     assert!(report.final_cost < 0.1 * report.initial_cost);
     // At the minimum the cost is chi-square distributed with (residuals - parameters) degrees of freedom.
-    let residuals: usize = problem.observations.iter().map(|o| 2 + usize::from(o.measurement.u_right.is_some())).sum();
+    let residuals: usize = problem.observations.iter().map(|o| 2 + usize::from(o.measurement.disparity.is_some())).sum();
     let dof = (residuals - 6 * 10 - 3 * 600) as f64;
     assert!((report.final_cost - dof).abs() < 5.0 * (2.0 * dof).sqrt(), "{} of {dof}", report.final_cost);
     // Neighbours share some 200 points 3.5 m away: sigma / f * z / sqrt(200) = 0.37 mm a link and axis if only the
@@ -121,7 +121,7 @@ fn broken_input_is_an_outlier_and_changes_nothing() {
     add(&|o| o.pose = 5);
     add(&|o| o.point = u32::MAX);
     add(&|o| o.measurement.pixel[0] = f64::NAN);
-    add(&|o| o.measurement.u_right = Some(f64::INFINITY));
+    add(&|o| o.measurement.disparity = Some(f64::INFINITY));
     add(&|o| o.measurement.weight = 0.0);
     // A point that is not a number, seen well.
     add(&|o| o.point = 100);
@@ -159,7 +159,7 @@ proptest! {
         problem.observations.extend(values.into_iter().map(|(v, pose, point)| BaObservation {
             pose,
             point,
-            measurement: Measurement { pixel: [v[0], v[1]], u_right: Some(v[2]), weight: v[3].abs(), weight_right: 1.0 },
+            measurement: Measurement { pixel: [v[0], v[1]], disparity: Some(v[2]), weight: v[3].abs(), weight_disparity: 1.0 },
         }));
         let report = bundle_adjust(&mut problem, &BaOptions::default());
         prop_assert!(problem.poses.iter().all(|p| p.camera_from_world.is_finite()));

@@ -74,7 +74,7 @@ fn broken_observations_are_outliers_and_change_nothing() {
         o.measurement.pixel[1] = value;
         dirty.push(o);
         let mut o = clean[0];
-        o.measurement.u_right = Some(value);
+        o.measurement.disparity = Some(value);
         dirty.push(o);
     }
     for weight in [f64::NAN, 0.0, -1.0, f64::INFINITY] {
@@ -113,7 +113,7 @@ proptest! {
         let observations: Vec<_> = values.iter().map(|v| slam_optimize::PoseObservation {
             point_in_world: Vector3::new(v[0], v[1], v[2]),
             measurement: slam_optimize::Measurement {
-                pixel: [v[3], v[4]], u_right: Some(v[5]), weight: v[6], weight_right: v[6],
+                pixel: [v[3], v[4]], disparity: Some(v[5]), weight: v[6], weight_disparity: v[6],
             },
         }).collect();
         let start = Se3::exp(&nalgebra::Vector6::from(start.map(|v| v % 2.0)));

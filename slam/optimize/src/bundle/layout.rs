@@ -96,7 +96,7 @@ fn sorted_observations(problem: &BaProblem) -> Vec<(usize, BaObservation)> {
 
 /// Orders two observations of the same point by the same camera, so that the input's order never matters.
 fn by_numbers(a: &Measurement, b: &Measurement) -> Ordering {
-    let key = |m: &Measurement| [m.pixel[0], m.pixel[1], m.u_right.unwrap_or(f64::NAN), m.weight, m.weight_right];
+    let key = |m: &Measurement| [m.pixel[0], m.pixel[1], m.disparity.unwrap_or(f64::NAN), m.weight, m.weight_disparity];
     let (a, b) = (key(a), key(b));
     a.iter().zip(&b).map(|(a, b)| a.total_cmp(b)).find(|o| o.is_ne()).unwrap_or(Ordering::Equal)
 }

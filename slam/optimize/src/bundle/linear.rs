@@ -92,7 +92,7 @@ impl Model {
                 else {
                     continue;
                 };
-                let weight = self.gates.kernel(robust, measurement.u_right.is_some()).weight(chi2);
+                let weight = self.gates.kernel(robust, measurement.disparity.is_some()).weight(chi2);
                 information += m * weight;
                 gradient += g * weight;
             }
@@ -125,7 +125,7 @@ impl Model {
         let mut cost = 0.0;
         for (((_, measurement), active), chi2) in self.layout.observations.iter().zip(active).zip(chi2) {
             if *active {
-                cost += self.gates.kernel(robust, measurement.u_right.is_some()).cost(chi2);
+                cost += self.gates.kernel(robust, measurement.disparity.is_some()).cost(chi2);
             }
         }
         cost

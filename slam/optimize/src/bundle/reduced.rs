@@ -119,14 +119,14 @@ mod tests {
             for (pose, p) in poses.iter().enumerate().filter(|(pose, _)| (pose + point) % 4 != 0) {
                 let x = p.camera_from_world.transform(position);
                 let pixel = camera.project(&x).unwrap().map(|v| v + 2.0 * rng.normal());
-                let u_right = (point % 2 == 0).then_some(pixel[0] - 40.0 / x[2] + rng.normal());
-                let measurement = Measurement { pixel, u_right, weight: 1.0 + rng.uniform(), weight_right: 0.5 };
+                let disparity = (point % 2 == 0).then_some(40.0 / x[2] + rng.normal());
+                let measurement = Measurement { pixel, disparity, weight: 1.0 + rng.uniform(), weight_disparity: 0.5 };
                 observations.push(BaObservation { pose: pose as u32, point: point as u32, measurement });
             }
         }
         // The same camera sees a point twice: one edge, two observations.
         observations.push(BaObservation {
-            measurement: Measurement { u_right: None, ..observations[0].measurement },
+            measurement: Measurement { disparity: None, ..observations[0].measurement },
             ..observations[0]
         });
         BaProblem { camera, bf: 40.0, poses, points, observations }
@@ -147,7 +147,7 @@ mod tests {
             let x = state.poses[edge.pose].transform(&state.points[edge.point]);
             for (_, m) in &model.layout.observations[edge.observations.clone()] {
                 let [u, v, right] = model.camera.residual(&x, m).unwrap();
-                out.extend([u * m.weight.sqrt(), v * m.weight.sqrt(), right * m.weight_right.sqrt()]);
+                out.extend([u * m.weight.sqrt(), v * m.weight.sqrt(), right * m.weight_disparity.sqrt()]);
             }
         }
         out

@@ -93,7 +93,7 @@ impl Solver {
         let mut changed = false;
         let seen = self.model.chi2(&self.state);
         for (i, chi2) in seen.into_iter().enumerate() {
-            let stereo = self.model.layout.observations[i].1.u_right.is_some();
+            let stereo = self.model.layout.observations[i].1.disparity.is_some();
             let inlier = chi2.is_some_and(|chi2| chi2 <= self.model.gates.of(stereo));
             self.chi2[i] = chi2.unwrap_or(self.chi2[i]);
             changed |= inlier != self.active[i];

@@ -9,8 +9,8 @@ pub const CAMERA: Pinhole = Pinhole { fx: 535.4, fy: 539.2, cx: 320.1, cy: 247.6
 pub const BF: f64 = 40.0;
 /// Noise of a pixel.
 pub const SIGMA_PX: f64 = 0.8;
-/// Noise of `u_right`, px.
-pub const SIGMA_RIGHT_PX: f64 = 1.2;
+/// Noise of `disparity`, px.
+pub const SIGMA_DISPARITY_PX: f64 = 1.2;
 
 pub fn normal3(rng: &mut Rng, sigma: f64) -> Vector3<f64> {
     Vector3::from_fn(|_, _| sigma * rng.normal())
@@ -30,9 +30,9 @@ pub fn point(rng: &mut Rng) -> Vector3<f64> {
 pub fn measure(rng: &mut Rng, x: &Vector3<f64>, with_depth: bool, noise: f64) -> Option<Measurement> {
     let [u, v] = CAMERA.project(x)?;
     let pixel = [u + noise * SIGMA_PX * rng.normal(), v + noise * SIGMA_PX * rng.normal()];
-    let u_right = with_depth.then(|| u - BF / x[2] + noise * SIGMA_RIGHT_PX * rng.normal());
-    let (weight, weight_right) = (1.0 / (SIGMA_PX * SIGMA_PX), 1.0 / (SIGMA_RIGHT_PX * SIGMA_RIGHT_PX));
-    Some(Measurement { pixel, u_right, weight, weight_right })
+    let disparity = with_depth.then(|| BF / x[2] + noise * SIGMA_DISPARITY_PX * rng.normal());
+    let (weight, weight_disparity) = (1.0 / (SIGMA_PX * SIGMA_PX), 1.0 / (SIGMA_DISPARITY_PX * SIGMA_DISPARITY_PX));
+    Some(Measurement { pixel, disparity, weight, weight_disparity })
 }
 
 /// True pose and `n` observations, every third without depth, the first `outliers` of them anywhere in the image.
@@ -43,8 +43,8 @@ pub fn pose_scene(rng: &mut Rng, n: usize, outliers: usize, noise: f64) -> (Se3,
         let mut measurement = measure(rng, &x, i % 3 != 0, noise).expect("in front of the camera");
         if i < outliers {
             let pixel = [640.0 * rng.uniform(), 480.0 * rng.uniform()];
-            let u_right = measurement.u_right.map(|_| pixel[0] - BF / (0.5 + 5.0 * rng.uniform()));
-            measurement = Measurement { pixel, u_right, ..measurement };
+            let disparity = measurement.disparity.map(|_| BF / (0.5 + 5.0 * rng.uniform()));
+            measurement = Measurement { pixel, disparity, ..measurement };
         }
         PoseObservation { point_in_world: truth.inverse().transform(&x), measurement }
     });
