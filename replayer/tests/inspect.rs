@@ -1,5 +1,6 @@
 //! The inspection file is a function of the frames: same frames, same bytes.
 #![cfg(feature = "rerun")]
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::path::Path;
 use std::sync::Arc;

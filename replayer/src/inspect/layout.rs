@@ -43,7 +43,7 @@ pub fn layout([width, height]: [u32; 2], fps: f64, estimate: &Trajectory, has_er
 /// first camera: y points down, or nearly so.
 fn eye(estimate: &Trajectory) -> Eye {
     /// Distance at which things that the camera looks at are taken to be, metres.
-    const AHEAD_M: f64 = 1.0;
+    const AHEAD_M: f64 = 1.6;
     /// Smallest scene, metres.
     const MIN_RADIUS_M: f64 = 0.7;
     let mut corners: Option<(Vector3<f64>, Vector3<f64>)> = None;

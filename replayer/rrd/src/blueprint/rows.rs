@@ -123,7 +123,7 @@ impl Rows {
         for entity in &view.hidden {
             let entity = entity.trim_start_matches('/');
             self.add(
-                &format!("{path}/ViewContents/overrides/{entity}"),
+                &format!("{path}/ViewContents/overrides/{entity}/visualizers"),
                 &archetypes::EntityBehavior::new().with_visible(false),
             );
         }
