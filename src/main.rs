@@ -1,2 +1,7 @@
 //! `pslam`: record, replay and inspect RGB-D datasets with a deterministic panoptic SLAM.
-fn main() {}
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    panoptic_slam::run()
+}

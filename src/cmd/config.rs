@@ -1,0 +1,51 @@
+//! `pslam config`, and how every command finds its configuration.
+
+use crate::{Outcome, stdout};
+use anyhow::Context as _;
+use slam::config::{DEFAULT_TOML, PRESETS};
+use std::fs;
+use std::path::PathBuf;
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+pub struct Config {
+    #[command(flatten)]
+    choice: Choice,
+    /// List the presets.
+    #[arg(long, conflicts_with_all = ["preset", "config"])]
+    presets: bool,
+}
+
+/// Which configuration: the defaults, then a preset, then the keys of a file.
+#[derive(Debug, clap::Args)]
+pub struct Choice {
+    /// Start from a preset: full (the default), none, people, people+things, people+unknown, paper.
+    #[arg(long, value_name = "NAME")]
+    preset: Option<String>,
+    /// TOML file with the keys to change; `pslam config` prints all of them.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+}
+
+impl Choice {
+    /// The configuration; unknown keys and impossible values are refused.
+    pub(super) fn read(&self) -> anyhow::Result<slam::Config> {
+        let config = self.preset.as_deref().map_or_else(|| Ok(slam::Config::default()), slam::Config::preset)?;
+        let Some(path) = &self.config else { return Ok(config) };
+        let text = fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+        config.with_toml(&text).with_context(|| path.display().to_string())
+    }
+}
+
+impl Config {
+    pub(super) fn run(self) -> anyhow::Result<Outcome> {
+        if self.presets {
+            stdout::text(&format_args!("{}\n", PRESETS.join("\n")))?;
+        } else if self.choice.preset.is_none() && self.choice.config.is_none() {
+            stdout::text(&DEFAULT_TOML)?;
+        } else {
+            stdout::text(&self.choice.read()?.to_toml())?;
+        }
+        Ok(Outcome::Good)
+    }
+}

@@ -1,0 +1,107 @@
+//! `pslam eval`.
+
+use crate::{Outcome, Usage, stdout};
+use replayer::eval::{Alignment, DeltaUnit, EvalOptions, RpeOptions, evaluate};
+use replayer::plot::{PlotEstimate, trajectories_svg};
+use replayer::{read_truth, write_file};
+use std::path::PathBuf;
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+pub struct Eval {
+    /// A run's folder, or a trajectory as TUM text.
+    run: PathBuf,
+    /// Ground truth: a log or TUM text; default: the log that was replayed.
+    log: Option<PathBuf>,
+    /// Judge the poses as they were known at each frame instead of the final ones.
+    #[arg(long)]
+    online: bool,
+    /// Align with scale too.
+    #[arg(long, conflicts_with = "no_align")]
+    sim3: bool,
+    /// Do not align: both trajectories stand in the same frame already.
+    #[arg(long)]
+    no_align: bool,
+    /// Relative errors over these distances: 1f (frames), 0.5m (metres), 2s (seconds); several with commas.
+    #[arg(long, value_name = "DELTA", value_delimiter = ',', default_values = ["1f", "1s", "1m"])]
+    rpe_delta: Vec<String>,
+    /// Relative errors from every pose on, not only over consecutive stretches.
+    #[arg(long)]
+    rpe_all_pairs: bool,
+    /// Poses nearer in time than this are compared, milliseconds.
+    #[arg(long, value_name = "MS", default_value = "10")]
+    max_difference_ms: f64,
+    /// Draw trajectories and errors into an SVG file.
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+    /// Overwrite an existing plot.
+    #[arg(long, requires = "plot")]
+    force: bool,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Eval {
+    fn options(&self) -> anyhow::Result<EvalOptions> {
+        let alignment = match (self.sim3, self.no_align) {
+            (true, _) => Alignment::Sim3,
+            (_, true) => Alignment::None,
+            _ => Alignment::Se3,
+        };
+        if !(0.0..=1e6).contains(&self.max_difference_ms) {
+            return Err(
+                Usage(format!("--max-difference-ms {} is not between 0 and 1e6", self.max_difference_ms)).into()
+            );
+        }
+        let rpe = self.rpe_delta.iter().map(|text| Ok(RpeOptions { all_pairs: self.rpe_all_pairs, ..delta(text)? }));
+        Ok(EvalOptions {
+            max_difference_s: self.max_difference_ms / 1e3,
+            alignment,
+            rpe: rpe.collect::<Result<_, Usage>>()?,
+        })
+    }
+
+    pub(super) fn run(self) -> anyhow::Result<Outcome> {
+        let options = self.options()?;
+        let estimate = super::run_folder::Estimate::read(&self.run, self.online)?;
+        let truth = self.log.clone().or(estimate.log);
+        let truth = truth.ok_or_else(|| Usage("give the ground truth: a log or a text file".to_owned()))?;
+        let truth = read_truth(&truth)?;
+        let evaluation = evaluate(&truth, &estimate.trajectory, estimate.coverage, &options)?;
+        if let Some(path) = &self.plot {
+            let name = self.run.file_name().unwrap_or(self.run.as_os_str()).to_string_lossy();
+            let svg = trajectories_svg(&name, &truth, &[PlotEstimate::new(&name, &evaluation)]);
+            write_file(path, svg.as_bytes(), self.force)?;
+        }
+        stdout::either(self.json, &evaluation)?;
+        Ok(Outcome::Good)
+    }
+}
+
+/// `0.5m` as metres, `1f` as frames, `2s` as seconds.
+fn delta(text: &str) -> Result<RpeOptions, Usage> {
+    let wrong = || Usage(format!("--rpe-delta `{text}` is not a distance like 1f, 0.5m or 2s"));
+    let split = text.char_indices().last().map_or(0, |(at, _)| at);
+    let unit = match &text[split..] {
+        "m" => DeltaUnit::Metres,
+        "f" => DeltaUnit::Frames,
+        "s" => DeltaUnit::Seconds,
+        _ => return Err(wrong()),
+    };
+    Ok(RpeOptions::new(text[..split].parse().map_err(|_| wrong())?, unit))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distances_have_a_number_and_a_unit() {
+        assert_eq!(delta("0.5m").unwrap(), RpeOptions::new(0.5, DeltaUnit::Metres));
+        assert_eq!(delta("3f").unwrap(), RpeOptions::new(3.0, DeltaUnit::Frames));
+        for wrong in ["", "m", "1", "1 m ", "xs", "1µ"] {
+            assert!(delta(wrong).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,138 @@
+//! `pslam import`.
+
+use crate::progress::{self, Progress};
+use crate::{Outcome, Usage, stdout};
+use recorder::import::{CameraSource, PanopticSource, TumOptions, tum};
+use schemas::calibration::{CameraModel, Distortion, Preset};
+use std::path::PathBuf;
+
+/// Kinds of folders.
+#[derive(Debug, clap::Subcommand)]
+pub enum Source {
+    /// TUM RGB-D, Bonn RGB-D Dynamic, OpenLORIS: rgb.txt, depth.txt, groundtruth.txt.
+    Tum(Box<Tum>),
+}
+
+impl Source {
+    pub(super) fn run(self, progress: Progress) -> anyhow::Result<Outcome> {
+        match self {
+            Self::Tum(command) => command.run(progress),
+        }
+    }
+}
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+pub struct Tum {
+    /// The folder.
+    dir: PathBuf,
+    /// The log to write.
+    #[arg(short, long)]
+    out: PathBuf,
+    /// Folder of COCO panoptic PNG files; its JSON is DIR.json, DIR/panoptic.json or DIR/../panoptic.json.
+    #[arg(long, value_name = "DIR")]
+    panoptic: Option<PathBuf>,
+    /// The JSON file of --panoptic, if it stands elsewhere.
+    #[arg(long, value_name = "FILE", requires = "panoptic")]
+    panoptic_json: Option<PathBuf>,
+    /// Depth value of one metre; default: the calibration file's, else 5000.
+    #[arg(long, value_name = "N")]
+    depth_scale: Option<String>,
+    /// Colour and depth nearer than this are one frame, milliseconds.
+    #[arg(long, value_name = "MS", default_value = "20")]
+    max_difference_ms: f64,
+    /// Overwrite an existing log.
+    #[arg(long)]
+    force: bool,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    camera: Camera,
+}
+
+/// Intrinsics; without any, camera.json or camera.yaml in the folder, else what the folder's name tells.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Intrinsics (default: camera.json or camera.yaml in DIR, else DIR's name)")]
+struct Camera {
+    /// JSON or YAML file: flat keys, ORB-SLAM style or a ROS camera calibration.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["preset", "fx"])]
+    camera: Option<PathBuf>,
+    /// freiburg1, freiburg2, freiburg3 or bonn.
+    #[arg(long, value_name = "NAME", conflicts_with = "fx")]
+    preset: Option<String>,
+    /// Focal length, pixels.
+    #[arg(long, requires_all = ["fy", "cx", "cy"])]
+    fx: Option<f64>,
+    /// Focal length, pixels.
+    #[arg(long, requires = "fx")]
+    fy: Option<f64>,
+    /// Principal point, pixels.
+    #[arg(long, requires = "fx", allow_negative_numbers = true)]
+    cx: Option<f64>,
+    /// Principal point, pixels.
+    #[arg(long, requires = "fx", allow_negative_numbers = true)]
+    cy: Option<f64>,
+    /// Picture width, pixels.
+    #[arg(long, requires = "fx", default_value = "640")]
+    width: u32,
+    /// Picture height, pixels.
+    #[arg(long, requires = "fx", default_value = "480")]
+    height: u32,
+    /// Distortion k1,k2,p1,p2,k3 (radtan); default: none.
+    #[arg(long, requires = "fx", value_delimiter = ',', num_args = 5, allow_hyphen_values = true)]
+    distortion: Vec<f64>,
+}
+
+impl Camera {
+    fn source(&self) -> anyhow::Result<CameraSource> {
+        if let Some(path) = &self.camera {
+            return Ok(CameraSource::File(path.clone()));
+        }
+        if let Some(name) = &self.preset {
+            let known = Preset::ALL.map(|(name, _)| name).join(", ");
+            let preset = Preset::by_name(name);
+            let preset = preset.ok_or_else(|| Usage(format!("there is no camera preset `{name}`; choose {known}")))?;
+            return Ok(CameraSource::Preset(preset));
+        }
+        let (Some(fx), Some(fy), Some(cx), Some(cy)) = (self.fx, self.fy, self.cx, self.cy) else {
+            return Ok(CameraSource::Auto);
+        };
+        let mut parameters = [0.0; 5];
+        parameters.iter_mut().zip(&self.distortion).for_each(|(parameter, given)| *parameter = *given);
+        let distortion = Distortion::from_parameters(parameters);
+        let camera = CameraModel { width: self.width, height: self.height, fx, fy, cx, cy, distortion };
+        Ok(CameraSource::Model(camera.validated().map_err(|error| Usage(error.to_string()))?))
+    }
+}
+
+impl Tum {
+    fn options(&self) -> anyhow::Result<TumOptions> {
+        let tolerance_ns = self.max_difference_ms * 1e6;
+        if !(0.0..=1e12).contains(&tolerance_ns) {
+            return Err(
+                Usage(format!("--max-difference-ms {} is not between 0 and 1e6", self.max_difference_ms)).into()
+            );
+        }
+        let panoptic = self.panoptic.iter().map(|dir| {
+            let json = self.panoptic_json.clone();
+            PanopticSource { json, ..PanopticSource::new(dir) }
+        });
+        Ok(TumOptions {
+            camera: self.camera.source()?,
+            depth_units_per_metre: self.depth_scale.clone(),
+            tolerance_ns: tolerance_ns.round() as u64,
+            panoptic: panoptic.collect(),
+            force: self.force,
+        })
+    }
+
+    fn run(self, progress: Progress) -> anyhow::Result<Outcome> {
+        let options = self.options()?;
+        let bar = progress.bar("importing");
+        let report = tum(&self.dir, &self.out, &options, &mut |done, all| progress::update(&bar, done, all))?;
+        bar.finish_and_clear();
+        stdout::either(self.json, &report)?;
+        Ok(Outcome::Good)
+    }
+}
