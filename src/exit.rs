@@ -2,7 +2,9 @@
 
 use recorder::WriteError;
 use recorder::recover::RecoverError;
-use replayer::{OutputError, eval::EvalError};
+use replayer::OutputError;
+use replayer::eval::EvalError;
+use replayer::run::RunError;
 use slam::ConfigError;
 use std::error::Error;
 use std::fmt;
@@ -71,6 +73,18 @@ fn is_usage(cause: &(dyn Error + 'static)) -> bool {
         || is_in_the_way(cause)
         || matches!(cause.downcast_ref(), Some(EvalError::Option(_)))
         || matches!(cause.downcast_ref(), Some(RecoverError::SameFile(_)))
+        || cause.downcast_ref().is_some_and(is_run_usage)
+}
+
+/// Replays that were asked for with the wrong words.
+fn is_run_usage(error: &RunError) -> bool {
+    match error {
+        RunError::Range { .. } | RunError::NotARun(_) | RunError::Unfinished(_) | RunError::NoInspection => true,
+        // Transparent errors are not links of the chain of their own.
+        RunError::Config(_) => true,
+        RunError::Output(error) => matches!(error, OutputError::Exists { .. }),
+        _ => false,
+    }
 }
 
 /// Something stands where the output should go.
@@ -78,8 +92,6 @@ fn is_in_the_way(cause: &(dyn Error + 'static)) -> bool {
     let exists = |error: &WriteError| matches!(error, WriteError::Exists(_) | WriteError::Unfinished(_));
     cause.downcast_ref().is_some_and(exists)
         || matches!(cause.downcast_ref(), Some(OutputError::Exists { .. }))
-        || matches!(cause.downcast_ref(), Some(RecoverError::Write(error)) if exists(error))
-        || matches!(cause.downcast_ref(), Some(recorder::import::ImportError::Write(error)) if exists(error))
 }
 
 #[cfg(test)]

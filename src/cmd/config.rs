@@ -28,6 +28,12 @@ pub struct Choice {
 }
 
 impl Choice {
+    /// How the user called it.
+    pub(super) fn name(&self) -> String {
+        let preset = self.preset.as_deref().unwrap_or("full");
+        self.config.as_ref().map_or_else(|| preset.to_owned(), |path| format!("{preset} with {}", path.display()))
+    }
+
     /// The configuration; unknown keys and impossible values are refused.
     pub(super) fn read(&self) -> anyhow::Result<slam::Config> {
         let config = self.preset.as_deref().map_or_else(|| Ok(slam::Config::default()), slam::Config::preset)?;
@@ -40,7 +46,7 @@ impl Choice {
 impl Config {
     pub(super) fn run(self) -> anyhow::Result<Outcome> {
         if self.presets {
-            stdout::text(&format_args!("{}\n", PRESETS.join("\n")))?;
+            stdout::text(&PRESETS.join("\n"))?;
         } else if self.choice.preset.is_none() && self.choice.config.is_none() {
             stdout::text(&DEFAULT_TOML)?;
         } else {

@@ -1,12 +1,17 @@
 //! One file a subcommand.
 
+mod bench;
 mod check;
 mod config;
+mod demo;
+mod diff;
 mod eval;
 mod import;
 mod info;
 mod recover;
+mod replay;
 mod run_folder;
+mod verify;
 
 use crate::Outcome;
 use crate::progress::Progress;
@@ -25,8 +30,18 @@ pub enum Command {
     Recover(recover::Recover),
     /// Print the configuration with its documentation.
     Config(config::Config),
+    /// Run the SLAM over a log, frame by frame, and write down everything.
+    Replay(replay::Replay),
+    /// Replay a run again and compare; exit code 1 if anything differs.
+    Verify(verify::Verify),
+    /// Name the first frame, stage and field that differ between two runs; exit code 1 if any does.
+    Diff(diff::Diff),
     /// Compare a run's trajectory with the ground truth.
     Eval(eval::Eval),
+    /// Measure how fast a replay is, stage by stage.
+    Bench(bench::Bench),
+    /// Render a sequence with movers, replay it with and without the panoptic filter, show the difference.
+    Demo(demo::Demo),
 }
 
 impl Command {
@@ -41,7 +56,12 @@ impl Command {
             Self::Check(command) => command.run(),
             Self::Recover(command) => command.run(),
             Self::Config(command) => command.run(),
+            Self::Replay(command) => command.run(progress),
+            Self::Verify(command) => command.run(progress),
+            Self::Diff(command) => command.run(),
             Self::Eval(command) => command.run(),
+            Self::Bench(command) => command.run(progress),
+            Self::Demo(command) => command.run(progress),
         }
     }
 }

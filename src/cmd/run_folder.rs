@@ -2,13 +2,14 @@
 
 use anyhow::Context as _;
 use replayer::eval::{Coverage, Trajectory};
+use replayer::run::{RunSummary, TRAJECTORY_ONLINE_TXT, TRAJECTORY_TXT};
 use std::path::{Path, PathBuf};
 
 /// An estimated trajectory, and what is known about where it comes from.
 pub struct Estimate {
     /// The poses.
     pub trajectory: Trajectory,
-    /// Tracked frames of all.
+    /// Frames in the trajectory, of all.
     pub coverage: Option<Coverage>,
     /// The log that was replayed.
     pub log: Option<PathBuf>,
@@ -20,8 +21,11 @@ impl Estimate {
         if !run.is_dir() {
             return Ok(Self { trajectory: Trajectory::read_tum(run)?, coverage: None, log: None });
         }
-        let name = if online { "trajectory_online.txt" } else { "trajectory.txt" };
-        let trajectory = Trajectory::read_tum(&run.join(name)).context("not the folder of a finished run")?;
-        Ok(Self { trajectory, coverage: None, log: None })
+        let summary = RunSummary::read(run).context("not the folder of a finished run")?;
+        let name = if online { TRAJECTORY_ONLINE_TXT } else { TRAJECTORY_TXT };
+        let trajectory = Trajectory::read_tum(&run.join(name))?;
+        // Frames of other maps than the written one do not count: they are not judged.
+        let coverage = Coverage { tracked: trajectory.poses.len(), frames: summary.result.frames };
+        Ok(Self { trajectory, coverage: Some(coverage), log: Some(summary.log) })
     }
 }

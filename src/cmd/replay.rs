@@ -1,0 +1,93 @@
+//! `pslam replay`.
+
+use super::config::Choice;
+use crate::progress::{self, Progress};
+use crate::{Outcome, stdout};
+use replayer::run::{ReplayOptions, replay};
+use std::ops::Range;
+use std::path::PathBuf;
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+pub struct Replay {
+    /// The log.
+    log: PathBuf,
+    /// Folder to write: trajectories, records, run.json.
+    #[arg(short, long, value_name = "RUN")]
+    out: PathBuf,
+    /// Write replay.rrd too, for the Rerun viewer.
+    #[arg(long)]
+    rrd: bool,
+    /// Overwrite an earlier run.
+    #[arg(long)]
+    force: bool,
+    #[command(flatten)]
+    how: How,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// How to replay, for every command that does.
+#[derive(Debug, clap::Args)]
+pub struct How {
+    #[command(flatten)]
+    choice: Choice,
+    /// Only these frames of the log, as 100..200; either end may be left away.
+    #[arg(long, value_name = "A..B", value_parser = frames)]
+    frames: Option<Range<usize>>,
+    /// Segmentation layer to use; default: the log's.
+    #[arg(long, value_name = "NAME")]
+    layer: Option<String>,
+    /// Threads; the result does not depend on them.
+    #[arg(long, value_name = "N", default_value = "2", value_parser = clap::value_parser!(u16).range(1..=256))]
+    threads: u16,
+}
+
+impl How {
+    pub(super) fn options(self) -> anyhow::Result<ReplayOptions> {
+        Ok(ReplayOptions {
+            config: self.choice.read()?,
+            config_name: self.choice.name(),
+            frames: self.frames,
+            threads: usize::from(self.threads),
+            layer: self.layer,
+            ..ReplayOptions::default()
+        })
+    }
+}
+
+/// `A..B`, `A..`, `..B`; a range without frames makes no sense.
+fn frames(text: &str) -> Result<Range<usize>, String> {
+    let wrong = || format!("`{text}` is not a range of frames like 100..200");
+    let (start, end) = text.split_once("..").ok_or_else(wrong)?;
+    let number = |text: &str, default| if text.is_empty() { Ok(default) } else { text.parse().map_err(|_| wrong()) };
+    let range = number(start, 0)?..number(end, usize::MAX)?;
+    if range.is_empty() { Err(format!("`{text}` holds no frame")) } else { Ok(range) }
+}
+
+impl Replay {
+    pub(super) fn run(self, progress: Progress) -> anyhow::Result<Outcome> {
+        let options = ReplayOptions { force: self.force, rrd: self.rrd, ..self.how.options()? };
+        let bar = progress.bar("replaying");
+        let summary = replay(&self.log, &self.out, &options, &mut |done, all| progress::update(&bar, done, all))?;
+        bar.finish_and_clear();
+        stdout::either(self.json, &summary)?;
+        Ok(Outcome::Good)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_may_be_open() {
+        assert_eq!(frames("3..7"), Ok(3..7));
+        assert_eq!(frames("..7"), Ok(0..7));
+        assert_eq!(frames("3.."), Ok(3..usize::MAX));
+        for wrong in ["", "3", "7..3", "3..3", "a..b", "-1..2", "1..2..3"] {
+            assert!(frames(wrong).is_err(), "{wrong}");
+        }
+    }
+}
