@@ -1,5 +1,5 @@
-//! Everything that reads a log: reader and timeline ([`log`]), evaluation against ground truth ([`eval`]) and plots
-//! ([`plot`]).
+//! Everything that reads a log: reader and timeline ([`log`]), the deterministic replay with its proofs ([`run`]),
+//! evaluation against ground truth ([`eval`]) and plots ([`plot`]).
 
 pub mod eval;
 #[cfg(feature = "rerun")]
@@ -7,6 +7,8 @@ pub mod inspect;
 pub mod log;
 mod output;
 pub mod plot;
+pub mod run;
+pub mod stopwatch;
 mod truth;
 
 pub use output::{OutputError, write_file};

@@ -1,0 +1,198 @@
+//! The loop: every frame of the range, in order, through the slam.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use slam::report::{Event, TrackingState};
+use slam::{FrameReport, Slam, TrajectoryPose};
+use slam_math::par::Pool;
+use slam_math::{FrameId, MapId};
+
+use super::ahead::{Prepared, for_each_frame};
+use super::records::{FrameEntry, RunEnd, digest_of};
+use super::source::Source;
+use super::summary::{MapFrames, RunEvent, RunResult};
+use super::timing::{Clock, Timing};
+use super::{Progress, RunError};
+use crate::eval::{StampedPose, Trajectory};
+
+/// Events kept with their text; the rest is counted.
+const MAX_EVENTS: usize = 1000;
+
+/// A frame that has just gone through the slam.
+#[cfg_attr(not(feature = "rerun"), expect(dead_code, reason = "only the inspection file reads all of it"))]
+pub(super) struct Stepped<'a> {
+    pub prepared: &'a Prepared,
+    pub report: &'a FrameReport,
+    pub entry: FrameEntry,
+    pub slam: &'a Slam,
+}
+
+/// A whole replay.
+pub(super) struct Outcome {
+    pub result: RunResult,
+    pub trajectory: Trajectory,
+    pub online: Trajectory,
+    pub timing: Timing,
+}
+
+impl Outcome {
+    pub fn end(&self) -> RunEnd {
+        let digest = |trajectory: &Trajectory| digest_of(trajectory.to_tum().as_bytes());
+        let frames = self.result.frames as u32;
+        RunEnd { frames, trajectory: digest(&self.trajectory), online: digest(&self.online) }
+    }
+}
+
+/// Replays the source and shows each frame to `each`; `None` when that ended the replay early with `false`.
+pub(super) fn drive(
+    source: &Source,
+    threads: usize,
+    progress: Progress<'_>,
+    each: &mut dyn FnMut(&Stepped<'_>) -> Result<bool, RunError>,
+) -> Result<Option<Outcome>, RunError> {
+    let threads = threads.max(1);
+    let pool = Pool::new(threads).map_err(RunError::Threads)?;
+    let mut slam = Slam::new(&source.config, &source.setup)?;
+    let front_end = slam.front_end().clone();
+    let mut tally = Tally::default();
+    source.notes.iter().for_each(|note| tally.event(None, note));
+    let mut clock = Clock::start();
+    let mut complete = true;
+    for_each_frame(source, &front_end, threads, &mut |prepared| {
+        clock.frame(prepared.decode_time, prepared.features_time);
+        let (input, observation) = (&prepared.input, prepared.observation.clone());
+        let mut report = pool.run(|| slam.step(input, observation, &mut clock))?;
+        report.events.splice(0..0, prepared.events.iter().cloned());
+        tally.frame(&report);
+        let entry = FrameEntry::from(&report);
+        complete = each(&Stepped { prepared: &prepared, report: &report, entry, slam: &slam })?;
+        progress(tally.result.frames, source.range.len());
+        Ok(complete)
+    })?;
+    Ok(complete.then(|| tally.finish(&slam, clock, threads)))
+}
+
+/// What is counted on the way.
+#[derive(Default)]
+struct Tally {
+    result: RunResult,
+    /// Poses as the slam reported them. Their map is the one of that moment: after two maps were joined, poses reported
+    /// before are still in the frame of the old one.
+    online: Vec<TrajectoryPose>,
+    lost: Vec<FrameId>,
+    states: BTreeMap<&'static str, usize>,
+}
+
+impl Tally {
+    fn event(&mut self, frame: Option<u32>, event: &Event) {
+        let result = &mut self.result;
+        result.warnings += usize::from(event.warning);
+        if result.events.len() < MAX_EVENTS {
+            result.events.push(RunEvent { frame, warning: event.warning, text: event.text.clone() });
+        } else {
+            result.events_left_out += 1;
+        }
+    }
+
+    fn frame(&mut self, report: &FrameReport) {
+        self.result.frames += 1;
+        *self.states.entry(state_name(report.state)).or_default() += 1;
+        let (id, stamp, map) = (report.id, report.stamp, report.map);
+        match report.camera_from_world {
+            Some(pose) => self.online.push(TrajectoryPose { id, stamp, map, world_from_camera: pose.inverse() }),
+            None => self.lost.push(id),
+        }
+        report.events.iter().for_each(|event| self.event(Some(report.id.0), event));
+    }
+
+    fn finish(self, slam: &Slam, clock: Clock, threads: usize) -> Outcome {
+        let (path, online) = (MainPath::of(slam.trajectory()), MainPath::of(self.online.iter().copied()));
+        let result = RunResult {
+            tracked: self.online.len(),
+            lost: self.lost.len(),
+            lost_frames: ranges(&self.lost),
+            states: self.states.into_iter().map(|(state, n)| (state.to_owned(), n)).collect(),
+            maps: path.maps.iter().map(|(map, frames)| MapFrames { map: map.0, frames: *frames }).collect(),
+            main_map: path.main.map(|map| map.0),
+            in_trajectory: path.trajectory.poses.len(),
+            other_map_frames: ranges(&path.others),
+            online_other_map_frames: ranges(&online.others),
+            keyframes: slam.map().keyframe_count(),
+            map_points: slam.map().point_count(),
+            ..self.result
+        };
+        Outcome { result, trajectory: path.trajectory, online: online.trajectory, timing: clock.finish(threads) }
+    }
+}
+
+fn state_name(state: TrackingState) -> &'static str {
+    match state {
+        TrackingState::NotInitialized => "not initialized",
+        TrackingState::Ok => "ok",
+        TrackingState::RecentlyLost => "recently lost",
+        TrackingState::Lost => "lost",
+    }
+}
+
+/// The poses of the map with the most frames (the older one of equals); maps have no common frame, so the poses of
+/// others can't stand in the same trajectory.
+struct MainPath {
+    main: Option<MapId>,
+    maps: BTreeMap<MapId, usize>,
+    trajectory: Trajectory,
+    others: Vec<FrameId>,
+}
+
+impl MainPath {
+    fn of(poses: impl Iterator<Item = TrajectoryPose>) -> Self {
+        let poses: Vec<_> = poses.collect();
+        let mut maps = BTreeMap::new();
+        for pose in &poses {
+            *maps.entry(pose.map).or_default() += 1;
+        }
+        let main = maps.iter().max_by_key(|(map, frames)| (**frames, std::cmp::Reverse(**map))).map(|(map, _)| *map);
+        let (here, others): (Vec<_>, Vec<_>) = poses.into_iter().partition(|pose| Some(pose.map) == main);
+        let stamped = |pose: TrajectoryPose| StampedPose {
+            stamp: schemas::Stamp(pose.stamp.0),
+            world_from_camera: pose.world_from_camera,
+        };
+        let trajectory = Trajectory { poses: here.into_iter().map(stamped).collect() };
+        Self { main, maps, trajectory, others: others.into_iter().map(|pose| pose.id).collect() }
+    }
+}
+
+/// Ascending frames as ranges.
+fn ranges(frames: &[FrameId]) -> Vec<Range<u32>> {
+    let mut ranges: Vec<Range<u32>> = Vec::new();
+    for FrameId(frame) in frames {
+        match ranges.last_mut() {
+            Some(last) if last.end == *frame => last.end += 1,
+            _ => ranges.push(*frame..frame + 1),
+        }
+    }
+    ranges
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use slam_math::{Se3, Stamp};
+
+    #[test]
+    fn only_the_largest_map_is_written() {
+        let pose = |(id, map)| TrajectoryPose {
+            id: FrameId(id),
+            stamp: Stamp(i64::from(id)),
+            map: MapId(map),
+            world_from_camera: Se3::identity(),
+        };
+        let path = MainPath::of([(0, 0), (1, 0), (4, 1), (5, 1), (6, 1), (9, 2)].map(pose).into_iter());
+        assert_eq!(path.main, Some(MapId(1)));
+        assert_eq!(path.trajectory.poses.iter().map(|p| p.stamp.0).collect::<Vec<_>>(), [4, 5, 6]);
+        assert_eq!(ranges(&path.others), [0..2, 9..10]);
+        let tie = MainPath::of([(0, 1), (1, 0)].map(pose).into_iter());
+        assert_eq!(tie.main, Some(MapId(0)));
+        assert_eq!(MainPath::of(std::iter::empty()).main, None);
+    }
+}

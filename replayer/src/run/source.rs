@@ -1,0 +1,129 @@
+//! From a log to what the slam takes.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use schemas::calibration::{self, CameraModel};
+use slam::report::Event;
+use slam::{Category, Config, DepthImage, FrameInput, PanopticMask, Segment, Setup};
+use slam_math::{FrameId, Stamp};
+use slam_vision::{Camera, Distortion, gray_from_rgb};
+
+use super::RunError;
+use super::records::RunHeader;
+use crate::log::{DecodedFrame, Log, MaskPixels, RawFrame, Timeline, decode};
+
+/// A log, opened for one replay: everything that decides its result.
+pub(super) struct Source {
+    pub log: Log,
+    pub timeline: Timeline,
+    pub camera: CameraModel,
+    pub setup: Setup,
+    pub config: Config,
+    /// Indices on the timeline, none beyond its end.
+    pub range: Range<usize>,
+    /// What a user should know about the choice of frames.
+    pub notes: Vec<Event>,
+    /// Ids of the layer's categories, ascending.
+    category_ids: Vec<u16>,
+}
+
+impl Source {
+    pub fn new(log: Log, config: &Config, layer: Option<&str>, frames: Option<Range<usize>>) -> Result<Self, RunError> {
+        let layer = layer.or_else(|| log.default_layer());
+        let timeline = log.timeline(layer)?;
+        let camera = log.camera()?;
+        let categories: Vec<Category> =
+            layer.map_or(&[][..], |layer| log.categories(layer)).iter().map(category).collect();
+        let (range, mut notes) = clip(frames, timeline.frames().len())?;
+        if layer.is_none() {
+            let text = "the log has no segmentation: every surface is unknown; add one with `pslam import --panoptic`";
+            notes.push(Event { warning: true, text: text.to_owned() });
+        }
+        Ok(Self {
+            category_ids: categories.iter().map(|c| c.id).collect(),
+            setup: Setup { camera: slam_camera(&camera), categories },
+            config: config.clone(),
+            log,
+            timeline,
+            camera,
+            range,
+            notes,
+        })
+    }
+
+    /// What the fingerprint begins with.
+    pub fn header(&self) -> RunHeader {
+        RunHeader {
+            program: super::PROGRAM.to_owned(),
+            log_blake3: self.log.blake3().to_owned(),
+            config: self.config.to_toml(),
+            layer: self.timeline.layer.clone(),
+            frames: self.range.clone(),
+        }
+    }
+
+    /// Decodes a frame. Pure: any thread may do it, in any order.
+    pub fn input(&self, raw: &RawFrame) -> Result<(FrameInput, Vec<Event>), RunError> {
+        let decoded =
+            decode(raw, &self.camera).map_err(|source| RunError::Decode { log: self.log.path().to_owned(), source })?;
+        let DecodedFrame { index, stamp, rgb, depth, mask } = decoded;
+        let (width, height) = (rgb.width, rgb.height);
+        let mut events = Vec::new();
+        let mut warn = |text: String| events.push(Event { warning: true, text });
+        if depth.is_none() {
+            warn("no depth image within the pairing tolerance".to_owned());
+        }
+        match (&mask, &self.timeline.layer) {
+            (None, Some(layer)) => warn(format!("no mask in layer {layer}")),
+            (Some(mask), _) => mask.contradiction(&self.category_ids).into_iter().for_each(warn),
+            (None, None) => {}
+        }
+        let depth = depth.map(|depth| DepthImage {
+            width,
+            height,
+            units: depth.units,
+            metres_per_unit: 1.0 / depth.units_per_metre,
+        });
+        let input = FrameInput {
+            id: FrameId((index - self.range.start) as u32),
+            stamp: Stamp(stamp.0),
+            gray: gray_from_rgb(&rgb.data, width, height)?,
+            depth: depth.map(Arc::new),
+            panoptic: mask.map(|mask| Arc::new(panoptic(mask, width, height))),
+        };
+        Ok((input, events))
+    }
+}
+
+/// The frames to replay, and a word when the log has fewer than asked for.
+fn clip(wanted: Option<Range<usize>>, there: usize) -> Result<(Range<usize>, Vec<Event>), RunError> {
+    let wanted = wanted.unwrap_or(0..there);
+    let range = wanted.start..wanted.end.min(there);
+    if range.is_empty() {
+        return Err(RunError::Range { start: wanted.start, end: wanted.end, frames: there });
+    }
+    let text = format!("frames {}..{} were asked for; the log ends at {there}", wanted.start, wanted.end);
+    let clipped = range.end < wanted.end;
+    Ok((range, clipped.then_some(Event { warning: true, text }).into_iter().collect()))
+}
+
+fn slam_camera(model: &CameraModel) -> Camera {
+    let CameraModel { width, height, fx, fy, cx, cy, distortion } = *model;
+    let distortion = match distortion {
+        calibration::Distortion::None => Distortion::None,
+        calibration::Distortion::Radtan { k1, k2, p1, p2, k3 } => Distortion::Radtan { k1, k2, p1, p2, k3 },
+    };
+    Camera { fx, fy, cx, cy, width, height, distortion }
+}
+
+fn category(category: &schemas::msg::Category) -> Category {
+    Category { id: category.id, name: category.name.clone(), is_thing: category.is_thing }
+}
+
+fn panoptic(mask: MaskPixels, width: usize, height: usize) -> PanopticMask {
+    // What is no confidence, such as `SCORE_UNKNOWN`, tells nothing.
+    let score = |score: f32| if (0.0..=1.0).contains(&score) { score } else { 1.0 };
+    let segment = |s: schemas::msg::Segment| Segment { id: s.id, category: s.category_id, score: score(s.score) };
+    PanopticMask { width, height, ids: mask.instance, segments: mask.segments.into_iter().map(segment).collect() }
+}
