@@ -90,8 +90,7 @@ fn is_run_usage(error: &RunError) -> bool {
 /// Something stands where the output should go.
 fn is_in_the_way(cause: &(dyn Error + 'static)) -> bool {
     let exists = |error: &WriteError| matches!(error, WriteError::Exists(_) | WriteError::Unfinished(_));
-    cause.downcast_ref().is_some_and(exists)
-        || matches!(cause.downcast_ref(), Some(OutputError::Exists { .. }))
+    cause.downcast_ref().is_some_and(exists) || matches!(cause.downcast_ref(), Some(OutputError::Exists { .. }))
 }
 
 #[cfg(test)]

@@ -1,0 +1,103 @@
+//! The same log gives the same bits, and the check of that can fail.
+
+use crate::support::{pslam_exits, small_world, text, write_log};
+use replayer::run::{
+    DiffReport, RECORDS_BIN, ReplayOptions, RunSummary, TRAJECTORY_ONLINE_TXT, TRAJECTORY_TXT, diff, replay, verify,
+};
+use slam::Config;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+const FRAMES: u32 = 30;
+/// Where the changed log differs.
+const CHANGED: u32 = 17;
+
+fn run(log: &Path, out: &Path, threads: usize, config: Config) -> RunSummary {
+    let rrd = cfg!(feature = "rerun");
+    let options = ReplayOptions { threads, config, rrd, ..ReplayOptions::default() };
+    replay(log, out, &options, &mut |_, _| {}).unwrap()
+}
+
+/// A log and a run of it with one thread.
+fn first_run(folder: &Path) -> (PathBuf, PathBuf, RunSummary) {
+    let (log, out) = (folder.join("a.mcap"), folder.join("run-1"));
+    write_log(&small_world(FRAMES), &log, &mut |_| {});
+    let summary = run(&log, &out, 1, Config::default());
+    (log, out, summary)
+}
+
+#[test]
+fn threads_do_not_matter() {
+    let folder = tempfile::tempdir().unwrap();
+    let (log, first, summary) = first_run(folder.path());
+    assert_eq!((summary.result.frames, summary.result.tracked), (FRAMES as usize, FRAMES as usize));
+    for threads in [1, 2, 4] {
+        let out = folder.path().join(format!("again-{threads}"));
+        assert_eq!(run(&log, &out, threads, Config::default()).fingerprint, summary.fingerprint, "{threads} threads");
+        let rrd = cfg!(feature = "rerun").then_some("replay.rrd");
+        for name in [RECORDS_BIN, TRAJECTORY_TXT, TRAJECTORY_ONLINE_TXT].into_iter().chain(rrd) {
+            let same = fs::read(first.join(name)).unwrap() == fs::read(out.join(name)).unwrap();
+            assert!(same, "{name} differs between 1 and {threads} threads");
+        }
+        assert!(diff(&first, &out).unwrap().same());
+        assert!(verify(&out, None, threads, &mut |_, _| {}).unwrap().passed());
+    }
+}
+
+#[test]
+fn rendering_and_writing_a_log_twice_gives_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let logs = ["a.mcap", "b.mcap"].map(|name| folder.path().join(name));
+    logs.iter().for_each(|log| write_log(&small_world(5), log, &mut |_| {}));
+    assert!(fs::read(&logs[0]).unwrap() == fs::read(&logs[1]).unwrap());
+}
+
+#[test]
+fn one_changed_mask_pixel_is_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_, first, summary) = first_run(folder.path());
+    let (log, out) = (folder.path().join("b.mcap"), folder.path().join("run-2"));
+    write_log(&small_world(FRAMES), &log, &mut |frame| {
+        if frame.index == CHANGED {
+            // From a segment to unknown, in the middle of the picture.
+            let middle = frame.panoptic.ids.len() / 2 + 160;
+            let at = (middle..).find(|at| frame.panoptic.ids[*at] != 0).unwrap();
+            frame.panoptic.ids[at] = 0;
+        }
+    });
+    assert_ne!(run(&log, &out, 1, Config::default()).fingerprint, summary.fingerprint);
+    let report: DiffReport = diff(&first, &out).unwrap();
+    assert!(!report.same() && report.header.iter().any(|difference| difference.field.starts_with("log")));
+    let difference = report.first.expect("the changed frame has another digest");
+    assert_eq!((difference.frame, report.equal_frames), (Some(CHANGED), CHANGED as usize));
+    assert!(difference.stage.is_some() && !difference.field.is_empty() && difference.values[0] != difference.values[1]);
+}
+
+#[test]
+fn another_configuration_is_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let (log, first, summary) = first_run(folder.path());
+    let out = folder.path().join("run-2");
+    let config = Config::from_toml("[orb]\nfeatures = 999\n").unwrap();
+    assert_ne!(run(&log, &out, 1, config).fingerprint, summary.fingerprint);
+    let report = pslam_exits(1, &["diff", text(&first), text(&out)]);
+    for word in ["orb.features", "999", "1000", "frame 0", "stage"] {
+        assert!(report.contains(word), "{word}: {report}");
+    }
+}
+
+#[test]
+fn a_forged_record_is_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_, first, _) = first_run(folder.path());
+    let path = first.join(TRAJECTORY_TXT);
+    let forged = fs::read_to_string(&path).unwrap().replacen("0.0", "0.1", 1);
+    fs::write(&path, forged).unwrap();
+    pslam_exits(1, &["verify", text(&first)]);
+    let path = first.join(RECORDS_BIN);
+    let mut bytes = fs::read(&path).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(&path, bytes).unwrap();
+    pslam_exits(3, &["verify", text(&first)]);
+}

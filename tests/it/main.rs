@@ -1,0 +1,11 @@
+//! Whole-system tests; a module a concern.
+
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod cli;
+mod dark;
+mod data;
+mod determinism;
+mod layers;
+mod repo_lint;
+mod support;
