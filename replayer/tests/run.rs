@@ -230,6 +230,8 @@ fn ranges_are_clipped_and_count_from_zero() {
     assert_eq!((summary.result.frames, summary.header.frames.clone()), (6, 10..16));
     let clipped = summary.result.events.iter().find(|event| event.frame.is_none()).unwrap();
     assert_eq!(clipped.text, "frames 10..99 were asked for; the log ends at 16");
+    let open = part(14..usize::MAX, "open").unwrap();
+    assert_eq!((open.header.frames, open.result.warnings), (14..16, 0));
     let first_stamp = rendered().1[10].stamp_ns;
     let trajectory = fs::read_to_string(dir.path().join("a").join(TRAJECTORY_TXT)).unwrap();
     assert!(trajectory.contains(&Stamp(first_stamp).to_decimal9()), "{trajectory}");
@@ -385,4 +387,20 @@ fn without_the_viewer_its_file_is_refused_with_a_reason() {
     let error = replay(&log, &dir.path().join("run"), &ReplayOptions { rrd: true, ..with_threads(1) }, &mut |_, _| {});
     assert!(error.unwrap_err().to_string().contains("--features rerun"));
     assert!(!dir.path().join("run").exists());
+}
+
+#[test]
+#[cfg(feature = "rerun")]
+fn the_inspection_file_does_not_depend_on_threads() {
+    let (_, log, whole) = reference();
+    let dir = tempfile::tempdir().unwrap();
+    let inspected = |threads: usize| {
+        let out = dir.path().join(threads.to_string());
+        run(log, &out, &ReplayOptions { rrd: true, ..with_threads(threads) });
+        assert_eq!(files_of(&out), files_of(whole), "looking changes nothing");
+        fs::read(out.join(replayer::run::INSPECTION_RRD)).unwrap()
+    };
+    let (one, three) = (inspected(1), inspected(3));
+    assert!(one.len() > 100_000, "only {} bytes", one.len());
+    assert!(one == three, "files of {} and {} bytes differ", one.len(), three.len());
 }

@@ -72,7 +72,8 @@ pub struct ReplayOptions {
     pub config: Config,
     /// How the user called the configuration: a preset's name or a file.
     pub config_name: String,
-    /// Frames of the log's timeline; all of them by default, an end beyond the log's is clipped with a warning.
+    /// Frames of the log's timeline; all of them by default. An end beyond the log's is clipped, with a warning unless
+    /// it is `usize::MAX`.
     pub frames: Option<Range<usize>>,
     /// Threads to use, at least 1; the result does not depend on it.
     pub threads: usize,

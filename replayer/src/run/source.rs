@@ -96,7 +96,7 @@ impl Source {
     }
 }
 
-/// The frames to replay, and a word when the log has fewer than asked for.
+/// The frames to replay, and a word when the log has fewer than asked for; `usize::MAX` asks for all there are.
 fn clip(wanted: Option<Range<usize>>, there: usize) -> Result<(Range<usize>, Vec<Event>), RunError> {
     let wanted = wanted.unwrap_or(0..there);
     let range = wanted.start..wanted.end.min(there);
@@ -104,7 +104,7 @@ fn clip(wanted: Option<Range<usize>>, there: usize) -> Result<(Range<usize>, Vec
         return Err(RunError::Range { start: wanted.start, end: wanted.end, frames: there });
     }
     let text = format!("frames {}..{} were asked for; the log ends at {there}", wanted.start, wanted.end);
-    let clipped = range.end < wanted.end;
+    let clipped = range.end < wanted.end && wanted.end != usize::MAX;
     Ok((range, clipped.then_some(Event { warning: true, text }).into_iter().collect()))
 }
 
