@@ -1,16 +1,18 @@
 //! The same log gives the same bits, and the check of that can fail.
 
-use crate::support::{pslam_exits, small_world, text, write_log};
+use crate::support::{SMALL_CAMERA, pslam_exits, small_world, text, write_log};
 use replayer::run::{
     DiffReport, RECORDS_BIN, ReplayOptions, RunSummary, TRAJECTORY_ONLINE_TXT, TRAJECTORY_TXT, diff, replay, verify,
 };
 use slam::Config;
+use slam::panoptic::CELL_PX;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 const FRAMES: u32 = 30;
 /// Where the changed log differs.
 const CHANGED: u32 = 17;
+const WIDTH: usize = SMALL_CAMERA.width as usize;
 
 fn run(log: &Path, out: &Path, threads: usize, config: Config) -> RunSummary {
     let rrd = cfg!(feature = "rerun");
@@ -59,8 +61,10 @@ fn one_changed_mask_pixel_is_found() {
     let (log, out) = (folder.path().join("b.mcap"), folder.path().join("run-2"));
     write_log(&small_world(FRAMES), &log, &mut |frame| {
         if frame.index == CHANGED {
-            // A pixel of a Thing becomes unknown; Things are numbered from 256.
-            let at = frame.panoptic.ids.iter().position(|id| *id >= 256).unwrap();
+            // A pixel of a Thing (numbered from 256) becomes unknown: one that the filter's grid of cells reads.
+            let half = CELL_PX / 2;
+            let read = |at: &usize| at % WIDTH % CELL_PX == half && at / WIDTH % CELL_PX == half;
+            let at = (0..frame.panoptic.ids.len()).filter(read).find(|at| frame.panoptic.ids[*at] >= 256).unwrap();
             frame.panoptic.ids[at] = 0;
         }
     });

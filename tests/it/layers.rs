@@ -98,10 +98,7 @@ fn looks_up(room: &str, text: &str) -> Vec<String> {
     let own = level(room).unwrap_or_else(|| panic!("the room {room} has no place in the order"));
     let mut found = Vec::new();
     for (line, code) in code(text) {
-        assert!(
-            !code.contains("use crate::{"),
-            "line {line}: one `use crate::room` a line, so that this test can read it"
-        );
+        assert!(!code.contains("use crate::{"), "line {line}: one room a `use`, so that this test can read it");
         for part in code.split("crate::").skip(1) {
             let name: String = part.chars().take_while(|c| c.is_ascii_lowercase() || *c == '_').collect();
             let Some(other) = level(&name) else { continue };

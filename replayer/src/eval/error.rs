@@ -30,7 +30,7 @@ pub enum EvalError {
     /// No pose of the estimate has a true pose close in time.
     #[error(
         "no stamp of the estimate ({estimate} poses, {estimate_range}) is within {max_difference_s} s of a true one \
-         ({truth} poses, {truth_range}): different clocks, or a larger --max-difference is needed"
+         ({truth} poses, {truth_range}): different clocks, or a larger --max-difference-ms is needed"
     )]
     NoPairs {
         /// Poses in the estimate.
@@ -47,7 +47,7 @@ pub enum EvalError {
     /// Too few or badly placed points to fit a transform.
     #[error(
         "cannot align: the {pairs} paired positions lie on a point or a line, so that the rotation is undetermined; \
-         use --align none to compare unaligned"
+         use --no-align to compare unaligned"
     )]
     Degenerate {
         /// Pairs found.
