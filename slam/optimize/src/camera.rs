@@ -59,8 +59,9 @@ pub struct Measurement {
 impl Measurement {
     /// Every number is finite and the weights can be used.
     pub(crate) fn is_usable(&self) -> bool {
-        let right =
-            self.disparity.is_none_or(|u| u.is_finite() && self.weight_disparity.is_finite() && self.weight_disparity >= 0.0);
+        let right = self
+            .disparity
+            .is_none_or(|u| u.is_finite() && self.weight_disparity.is_finite() && self.weight_disparity >= 0.0);
         right && self.pixel.iter().all(|v| v.is_finite()) && self.weight.is_finite() && self.weight > 0.0
     }
 }

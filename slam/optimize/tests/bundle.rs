@@ -30,7 +30,8 @@ fn the_scene_is_recovered_to_its_noise() {
     let report = bundle_adjust(&mut problem, &options);
     assert!(report.final_cost < 0.1 * report.initial_cost);
     // At the minimum the cost is chi-square distributed with (residuals - parameters) degrees of freedom.
-    let residuals: usize = problem.observations.iter().map(|o| 2 + usize::from(o.measurement.disparity.is_some())).sum();
+    let residuals: usize =
+        problem.observations.iter().map(|o| 2 + usize::from(o.measurement.disparity.is_some())).sum();
     let dof = (residuals - 6 * 10 - 3 * 600) as f64;
     assert!((report.final_cost - dof).abs() < 5.0 * (2.0 * dof).sqrt(), "{} of {dof}", report.final_cost);
     // Neighbours share some 200 points 3.5 m away: sigma / f * z / sqrt(200) = 0.37 mm a link and axis if only the

@@ -54,7 +54,12 @@ pub fn create_points_from_depth(
             continue;
         }
         let position = world_from_camera.transform(&ctx.camera.unproject(obs.pixel[i], z));
-        add_point(ctx, editor, young, NewPoint { position, keyframe: id, index: i as u32, frame: keyframe.frame, class: classes[i] });
+        add_point(
+            ctx,
+            editor,
+            young,
+            NewPoint { position, keyframe: id, index: i as u32, frame: keyframe.frame, class: classes[i] },
+        );
         created += 1;
     }
     created

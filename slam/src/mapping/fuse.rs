@@ -58,7 +58,8 @@ fn fuse_into(ctx: &Context, editor: &mut Editor<'_>, target: KeyFrameId, points:
         // Earlier merges of this round may have changed who is where.
         let Some(point) = editor.map().point(m.key) else { continue };
         if !ctx.fits(&keyframe.obs, m.index as usize, &keyframe.camera_from_world.transform(&point.position))
-            || point.sighting(target).is_some() {
+            || point.sighting(target).is_some()
+        {
             continue;
         }
         let holder = editor.map().keyframe(target).and_then(|k| k.points[m.index as usize]);

@@ -44,9 +44,8 @@ pub(super) fn triangulate_with_neighbours(
 
 /// Pairs of free usable keypoints with similar descriptors near each other's epipolar line, each keypoint at most once.
 fn epipolar_matches(ctx: &Context, a: &KeyFrame, b: &KeyFrame) -> Vec<(usize, usize)> {
-    let free = |k: &KeyFrame| -> Vec<usize> {
-        (0..k.obs.len()).filter(|i| k.usable[*i] && k.points[*i].is_none()).collect()
-    };
+    let free =
+        |k: &KeyFrame| -> Vec<usize> { (0..k.obs.len()).filter(|i| k.usable[*i] && k.points[*i].is_none()).collect() };
     let b_from_a = b.camera_from_world * a.camera_from_world.inverse();
     let epipole = ctx.camera.project(b_from_a.translation);
     let (free_a, free_b) = (free(a), free(b));
@@ -74,8 +73,7 @@ fn epipolar_matches(ctx: &Context, a: &KeyFrame, b: &KeyFrame) -> Vec<(usize, us
             }
         }
     }
-    let mut pairs: Vec<(usize, usize)> =
-        owner.iter().enumerate().filter_map(|(j, o)| o.map(|(_, i)| (i, j))).collect();
+    let mut pairs: Vec<(usize, usize)> = owner.iter().enumerate().filter_map(|(j, o)| o.map(|(_, i)| (i, j))).collect();
     pairs.sort_unstable();
     pairs
 }

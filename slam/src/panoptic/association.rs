@@ -7,6 +7,17 @@ use crate::report::RegionState;
 
 /// Frames for which a place stays suspect after a person or mover left it: people are missed in single frames.
 const HEAT_FRAMES: u8 = 5;
+/// Frames for which a place is remembered as confirmed static: real networks drop a segment for some frames.
+const CALM_FRAMES: u8 = 10;
+
+/// What a cell of the picture was a moment ago.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct CellMemory {
+    /// Frames until it is forgotten that a person or mover was here.
+    pub heat: u8,
+    /// Frames until it is forgotten that a confirmed static region was here.
+    pub calm: u8,
+}
 
 impl PanopticFilter {
     /// Gives each region its track: the overlapping one of the last frame with the best intersection over union of
@@ -25,39 +36,54 @@ impl PanopticFilter {
                 }
             }
         }
-        let new_track = |region: &Region, id| Track {
-            id,
-            state: region.first_state(),
-            age: 0,
-            static_streak: 0,
-            dynamic_streak: 0,
-        };
+        let covered = self.covered(regions);
         let mut next = self.next_track;
-        let start = |(track, region): (Option<Track>, &Region)| {
+        let start = |(i, track): (usize, Option<Track>)| {
             track.unwrap_or_else(|| {
                 next += 1;
-                new_track(region, next - 1)
+                let state = first_state(ctx, &regions.list[i], covered[i]);
+                Track { id: next - 1, state, age: 0, static_streak: 0, dynamic_streak: 0 }
             })
         };
-        let tracks = tracks.into_iter().zip(&regions.list).map(start).collect();
+        let tracks = tracks.into_iter().enumerate().map(start).collect();
         self.next_track = next;
         tracks
     }
 
-    /// Cells that are people or movers, or were a moment ago: frames until they are forgotten.
-    pub(super) fn heat(&self, ctx: &Context, regions: &Regions, tracks: &[Track]) -> Vec<u8> {
-        let before = self.last.as_ref().filter(|last| last.heat.len() == regions.cell.len());
+    /// For each region the cells that were static and those that moved a moment ago.
+    fn covered(&self, regions: &Regions) -> Vec<[u32; 2]> {
+        let mut covered = vec![[0; 2]; regions.list.len()];
+        let Some(last) = self.last.as_ref().filter(|last| last.memory.len() == regions.cell.len()) else {
+            return covered;
+        };
+        for (memory, region) in last.memory.iter().zip(&regions.cell).filter(|(_, region)| **region != NO_REGION) {
+            let count = &mut covered[usize::from(*region)];
+            count[0] += u32::from(memory.calm > 0);
+            count[1] += u32::from(memory.heat > 0);
+        }
+        covered
+    }
+
+    /// What each cell is remembered for after this frame's states.
+    pub(super) fn remembered(&self, ctx: &Context, regions: &Regions, tracks: &[Track]) -> Vec<CellMemory> {
+        let before = self.last.as_ref().filter(|last| last.memory.len() == regions.cell.len());
         let filters = &ctx.config.panoptic;
-        let hot = |region: u16| match tracks.get(usize::from(region)).map(|t| t.state) {
-            Some(RegionState::Person) => filters.people,
-            Some(RegionState::Dynamic) => match regions.list[usize::from(region)].kind {
+        let cell_memory = |(cell, region): (usize, &u16)| {
+            let old = before.map_or(CellMemory::default(), |last| last.memory[cell]);
+            let faded = CellMemory { heat: old.heat.saturating_sub(1), calm: old.calm.saturating_sub(1) };
+            let Some(track) = tracks.get(usize::from(*region)) else { return faded };
+            let judged = match regions.list[usize::from(*region)].kind {
                 RegionKind::Unknown => filters.unknown,
                 _ => filters.things,
-            },
-            _ => false,
+            };
+            match track.state {
+                RegionState::Person if filters.people => CellMemory { heat: HEAT_FRAMES, calm: 0 },
+                RegionState::Dynamic if judged => CellMemory { heat: HEAT_FRAMES, calm: 0 },
+                RegionState::Static => CellMemory { calm: CALM_FRAMES, ..faded },
+                _ => faded,
+            }
         };
-        let cooled = |cell: usize| before.map_or(0, |last| last.heat[cell].saturating_sub(1));
-        regions.cell.iter().enumerate().map(|(cell, r)| if hot(*r) { HEAT_FRAMES } else { cooled(cell) }).collect()
+        regions.cell.iter().enumerate().map(cell_memory).collect()
     }
 }
 
@@ -83,6 +109,24 @@ fn ranked_pairs(ctx: &Context, last: &Regions, regions: &Regions) -> Vec<(usize,
     }
     pairs.sort_by(|a, b| a.0.cmp(&b.0).then(b.1.total_cmp(&a.1)).then(a.2.cmp(&b.2)).then(a.3.cmp(&b.3)));
     pairs.into_iter().map(|(_, _, before, now)| (before, now)).collect()
+}
+
+/// State of a region that starts a new track, `covered` by static and moving cells of the last frame. Real networks
+/// split, join and rename segments from frame to frame; what lies where a confirmed region was needs no new
+/// confirmation, and what lies where a mover was is not let in under another name.
+fn first_state(ctx: &Context, region: &Region, covered: [u32; 2]) -> RegionState {
+    let [was_static, moved] = covered;
+    if region.kind == RegionKind::Person {
+        RegionState::Person
+    } else if ctx.config.panoptic.rule == Rule::Paper {
+        RegionState::New
+    } else if moved * 4 >= region.cells && moved > 0 {
+        RegionState::Dynamic
+    } else if was_static * 2 >= region.cells && was_static > 0 {
+        RegionState::Static
+    } else {
+        RegionState::New
+    }
 }
 
 fn inherit(before: &Track, region: &Region) -> Track {

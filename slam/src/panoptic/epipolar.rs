@@ -60,8 +60,7 @@ pub(super) fn from_motion(ctx: &Context, pose: &Se3, last: &Remembered, obs: &Ob
     let motion = *pose * last.camera_from_world.inverse();
     let matches = match_last(ctx, last, obs, frame);
     let p = &ctx.pinhole;
-    let k_inverse =
-        Matrix3::new(1.0 / p.fx, 0.0, -p.cx / p.fx, 0.0, 1.0 / p.fy, -p.cy / p.fy, 0.0, 0.0, 1.0);
+    let k_inverse = Matrix3::new(1.0 / p.fx, 0.0, -p.cx / p.fx, 0.0, 1.0 / p.fy, -p.cy / p.fy, 0.0, 0.0, 1.0);
     let matrix = k_inverse.transpose() * skew(&motion.translation) * motion.rotation * k_inverse;
     let degenerate = motion.translation.norm() < MIN_TRANSLATION_M;
     let stuff = matches.iter().filter(|(i, _)| frame.class[*i] == KeypointClass::Stuff).count() as u32;
@@ -119,8 +118,7 @@ fn match_last(ctx: &Context, last: &Remembered, obs: &Observation, frame: &Frame
             owner[first.1] = Some((first.0, i));
         }
     }
-    let mut pairs: Vec<(usize, usize)> =
-        owner.iter().enumerate().filter_map(|(j, o)| o.map(|(_, i)| (i, j))).collect();
+    let mut pairs: Vec<(usize, usize)> = owner.iter().enumerate().filter_map(|(j, o)| o.map(|(_, i)| (i, j))).collect();
     pairs.sort_unstable();
     pairs
 }

@@ -67,9 +67,11 @@ impl Evidence {
     }
 
     fn largest(&self, pair: impl Fn(&Count) -> (u32, u32)) -> f64 {
-        self.counts.iter().map(pair).filter(|(_, n)| *n > 0).fold(0.0, |largest, (part, whole)| {
-            float::max(largest, f64::from(part) / f64::from(whole))
-        })
+        self.counts
+            .iter()
+            .map(pair)
+            .filter(|(_, n)| *n > 0)
+            .fold(0.0, |largest, (part, whole)| float::max(largest, f64::from(part) / f64::from(whole)))
     }
 
     /// What these counts say.

@@ -19,6 +19,7 @@ use std::sync::Arc;
 
 use slam_math::{FrameId, Se3};
 
+pub use association::CellMemory;
 pub use epipolar::Epipolar;
 pub use evidence::Evidence;
 pub use regions::{CELL_PX, NO_REGION, Region, RegionKind, Regions};
@@ -78,8 +79,8 @@ pub struct FrameFilter {
     pub tracks: Vec<Track>,
     /// Evidence of each region.
     pub evidence: Vec<Evidence>,
-    /// Cells that are or were a mover a moment ago: frames until forgotten.
-    pub heat: Vec<u8>,
+    /// What each cell is or was a moment ago.
+    pub memory: Vec<CellMemory>,
     /// Two-view geometry with the last frame.
     pub epipolar: Option<Epipolar>,
     /// Distance of each keypoint to the epipolar line of its match; NaN without match or geometry.
@@ -94,9 +95,7 @@ impl FrameFilter {
         let admits = |selection: Selection, v: Verdict| match selection {
             Selection::Static => v == Verdict::Static,
             Selection::WithUnconfirmed => matches!(v, Verdict::Static | Verdict::ThingNew | Verdict::UnknownNew),
-            Selection::AllButMovers => {
-                !matches!(v, Verdict::Person | Verdict::ThingDynamic | Verdict::UnknownDynamic)
-            }
+            Selection::AllButMovers => !matches!(v, Verdict::Person | Verdict::ThingDynamic | Verdict::UnknownDynamic),
         };
         let order = [Selection::Static, Selection::WithUnconfirmed, Selection::AllButMovers];
         let usable = |s: Selection| self.verdict.iter().map(|v| admits(s, *v)).collect::<Vec<bool>>();
@@ -120,7 +119,7 @@ pub struct PanopticFilter {
 struct LastRegions {
     regions: Regions,
     tracks: Vec<Track>,
-    heat: Vec<u8>,
+    memory: Vec<CellMemory>,
 }
 
 impl PanopticFilter {
@@ -130,7 +129,7 @@ impl PanopticFilter {
         let regions = Regions::new(ctx, input);
         let tracks = self.associate(ctx, &regions);
         let (class, region) = verdict::classify(ctx, input, obs, &regions);
-        let heat = self.heat(ctx, &regions, &tracks);
+        let memory = self.remembered(ctx, &regions, &tracks);
         let n = obs.len();
         let mut frame = FrameFilter {
             class,
@@ -140,7 +139,7 @@ impl PanopticFilter {
             evidence: vec![Evidence::default(); regions.list.len()],
             regions,
             tracks,
-            heat,
+            memory,
             epipolar: None,
             epipolar_px: vec![f64::NAN; n],
         };
@@ -167,7 +166,7 @@ impl PanopticFilter {
         for (track, evidence) in frame.tracks.iter_mut().zip(&frame.evidence) {
             track.update(&ctx.config.panoptic.motion, evidence.vote(&ctx.config.panoptic.motion));
         }
-        frame.heat = self.heat(ctx, &frame.regions, &frame.tracks);
+        frame.memory = self.remembered(ctx, &frame.regions, &frame.tracks);
         verdict::decide(ctx, obs, frame);
         evidence::free_keypoints(ctx, &now, &older, frame);
     }
@@ -181,8 +180,11 @@ impl PanopticFilter {
         pose: Option<&Se3>,
         frame: &FrameFilter,
     ) {
-        self.last =
-            Some(LastRegions { regions: frame.regions.clone(), tracks: frame.tracks.clone(), heat: frame.heat.clone() });
+        self.last = Some(LastRegions {
+            regions: frame.regions.clone(),
+            tracks: frame.tracks.clone(),
+            memory: frame.memory.clone(),
+        });
         let Some(pose) = pose else {
             self.history.clear();
             return;

@@ -4,7 +4,6 @@ use std::collections::VecDeque;
 
 use crate::context::Context;
 use crate::input::{FrameInput, PanopticMask};
-use crate::report::RegionState;
 
 /// Side of a cell in pixels.
 pub const CELL_PX: usize = 4;
@@ -35,14 +34,6 @@ pub struct Region {
     pub cells: u32,
     /// First and last column, first and last row, in cells.
     pub extent: [u16; 4],
-}
-
-impl Region {
-    /// The state of a region that was never seen before.
-    #[must_use]
-    pub fn first_state(&self) -> RegionState {
-        if self.kind == RegionKind::Person { RegionState::Person } else { RegionState::New }
-    }
 }
 
 /// The regions of a picture.

@@ -98,7 +98,7 @@ fn by_epipolar_distance(ctx: &Context, frame: &FrameFilter, i: usize) -> Verdict
 /// Cells within `border_px` of a cell that is or just was a person or a mover. The paper has no margin.
 fn near_movers(ctx: &Context, frame: &FrameFilter) -> Vec<bool> {
     let (width, height) = (frame.regions.width, frame.regions.height);
-    let hot: Vec<bool> = frame.heat.iter().map(|heat| *heat > 0).collect();
+    let hot: Vec<bool> = frame.memory.iter().map(|memory| memory.heat > 0).collect();
     if ctx.config.panoptic.rule == Rule::Paper {
         return vec![false; hot.len()];
     }

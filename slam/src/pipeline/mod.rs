@@ -31,7 +31,9 @@ pub enum SlamError {
     #[error(transparent)]
     Vision(#[from] VisionError),
     /// A picture of another size than the calibration's.
-    #[error("frame {frame}: the {what} has {width} x {height} pixels, the calibration {expected_width} x {expected_height}")]
+    #[error(
+        "frame {frame}: the {what} has {width} x {height} pixels, the calibration {expected_width} x {expected_height}"
+    )]
     Size {
         /// Which frame.
         frame: u32,
@@ -75,8 +77,7 @@ pub enum Work {
 
 impl Work {
     /// All pieces in order.
-    pub const ALL: [Self; 6] =
-        [Self::Label, Self::Predict, Self::Judge, Self::LocalMap, Self::Mapping, Self::Report];
+    pub const ALL: [Self; 6] = [Self::Label, Self::Predict, Self::Judge, Self::LocalMap, Self::Mapping, Self::Report];
 
     /// Name for tables.
     #[must_use]

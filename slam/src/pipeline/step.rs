@@ -56,7 +56,19 @@ impl<'a> Step<'a> {
         let ctx = slam.context().clone();
         let (counts, edits) = (Counts::default(), EditCounts::default());
         let (selection, new_keyframe) = (Selection::default(), None);
-        Self { slam, ctx, input, frame, observer, counts, selection, new_keyframe, journal: vec![], edits, events: vec![] }
+        Self {
+            slam,
+            ctx,
+            input,
+            frame,
+            observer,
+            counts,
+            selection,
+            new_keyframe,
+            journal: vec![],
+            edits,
+            events: vec![],
+        }
     }
 
     pub(super) fn run(mut self) -> FrameReport {
@@ -96,7 +108,8 @@ impl<'a> Step<'a> {
 
     /// Starts a map at this frame.
     fn initialize(&mut self, filter: &FrameFilter) -> bool {
-        let with_depth = (0..self.frame.obs.len()).filter(|i| self.frame.usable[*i] && self.frame.obs.depth(*i).is_some());
+        let with_depth =
+            (0..self.frame.obs.len()).filter(|i| self.frame.usable[*i] && self.frame.obs.depth(*i).is_some());
         let n = with_depth.count() as u32;
         self.observer.done(Work::Predict);
         if n < self.ctx.config.tracking.min_init_keypoints {
@@ -161,9 +174,11 @@ impl<'a> Step<'a> {
             track_local_map(&self.ctx, &self.slam.map, &mut local, &mut self.frame);
         self.counts.local_points = local.points.len() as u32;
         let t = &self.ctx.config.tracking;
-        let recent = self.slam.tracker.relocalized_at.is_some_and(|at| {
-            self.frame.id.0 - at.0 < t.recent_relocalization_frames && at != self.frame.id
-        });
+        let recent = self
+            .slam
+            .tracker
+            .relocalized_at
+            .is_some_and(|at| self.frame.id.0 - at.0 < t.recent_relocalization_frames && at != self.frame.id);
         let needed = if recent { t.min_inliers_after_relocalization } else { t.min_inliers };
         let ok = self.counts.inliers >= needed;
         if ok {
@@ -388,7 +403,10 @@ impl<'a> Step<'a> {
 
 fn region_reports(filter: &FrameFilter) -> Vec<RegionReport> {
     let px = |cells: u16| f64::from(cells) * CELL_PX as f64;
-    let one = |((region, track), evidence): ((&crate::panoptic::Region, &crate::panoptic::Track), &crate::panoptic::Evidence)| {
+    let one = |((region, track), evidence): (
+        (&crate::panoptic::Region, &crate::panoptic::Track),
+        &crate::panoptic::Evidence,
+    )| {
         let [x0, x1, y0, y1] = region.extent;
         let last = evidence.counts.last().copied().unwrap_or_default();
         RegionReport {

@@ -54,8 +54,11 @@ impl LocalMap {
                 }
             }
         }
-        let mut points: Vec<MapPointId> =
-            keyframes.iter().filter_map(|id| map.keyframe(*id)).flat_map(|k| k.points.iter().flatten().copied()).collect();
+        let mut points: Vec<MapPointId> = keyframes
+            .iter()
+            .filter_map(|id| map.keyframe(*id))
+            .flat_map(|k| k.points.iter().flatten().copied())
+            .collect();
         points.sort_unstable();
         points.dedup();
         Self { reference: order.first().map(|(id, _)| *id), points, in_view: Vec::new() }

@@ -108,8 +108,7 @@ pub(super) fn match_descriptors(
         }
     }
     let claims = owner.iter().enumerate();
-    let matches = claims
-        .filter_map(|(i, o)| o.map(|(distance, key)| Match { key, index: i as u32, distance }))
-        .collect();
+    let matches =
+        claims.filter_map(|(i, o)| o.map(|(distance, key)| Match { key, index: i as u32, distance })).collect();
     consistent_rotation(matches, |m| frame.obs.angle[m.index as usize] - keyframe.obs.angle[m.key as usize])
 }
