@@ -33,6 +33,7 @@ fn judge(log: &Path, out: &Path, preset: &str) -> Evaluation {
 fn kitchens_are_tracked_among_movers() {
     let Some(data) = shared_data() else { return };
     let folder = tempfile::tempdir().unwrap();
+    let mut broken = Vec::new();
     for (name, limit_m, moves) in SEQUENCES {
         let source = data.join(name);
         if !source.is_dir() {
@@ -45,12 +46,16 @@ fn kitchens_are_tracked_among_movers() {
         let full = judge(&log, &folder.path().join(format!("{name}-full")), "full");
         let (ate, coverage) = (full.ate_m.rmse, full.coverage.unwrap());
         eprintln!("{name}: full {ate:.4} m, {} of {} frames", coverage.tracked, coverage.frames);
-        assert_eq!(coverage.tracked, coverage.frames, "{name}: frames lost");
-        assert!(ate <= limit_m, "{name}: ATE {ate:.4} m, at most {limit_m}");
+        if coverage.tracked != coverage.frames || ate > limit_m {
+            broken.push(format!("{name}: {ate:.4} m (at most {limit_m}), {coverage:?}"));
+        }
         if moves {
             let none = judge(&log, &folder.path().join(format!("{name}-none")), "none").ate_m.rmse;
             eprintln!("{name}: none {none:.4} m");
-            assert!(none > FAILS_M, "{name}: {none:.4} m without the filter: the sequence proves nothing");
+            if none <= FAILS_M {
+                broken.push(format!("{name}: {none:.4} m without the filter, so it proves nothing"));
+            }
         }
     }
+    assert!(broken.is_empty(), "{broken:#?}");
 }
