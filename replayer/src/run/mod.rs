@@ -11,6 +11,16 @@
 //! | `config.toml` | the whole configuration |
 //! | `replay.rrd` | with `rrd`: the inspection file |
 //!
+//! ```no_run
+//! use replayer::run::{ReplayOptions, replay, verify};
+//! use std::path::Path;
+//!
+//! let run = Path::new("run");
+//! println!("{}", replay(Path::new("log.mcap"), run, &ReplayOptions::default(), &mut |_, _| {})?);
+//! assert!(verify(run, None, 4, &mut |_, _| {})?.passed());
+//! # Ok::<(), replayer::run::RunError>(())
+//! ```
+//!
 //! Lost frames and frames of other maps than the largest stand in `run.json`, never in a trajectory.
 
 mod ahead;
