@@ -1,6 +1,6 @@
 //! Replaying a log: the same log, configuration and program version give the same bits, for any number of threads.
 //!
-//! [`replay`] writes a folder, [`verify`] recomputes it, [`diff`] finds where two of them part, [`bench`] measures.
+//! [`replay`] writes a folder, [`verify`] recomputes it, [`diff`] finds where two of them part, [`bench()`] measures.
 //!
 //! | file of a run | content |
 //! |---|---|
