@@ -40,7 +40,7 @@ impl Context {
         let camera = setup.camera;
         let mut categories = setup.categories.clone();
         categories.sort_by_key(|c| c.id);
-        let is_person = |c: &&Category| config.panoptic.people_names.iter().any(|name| *name == c.name);
+        let is_person = |c: &&Category| config.panoptic.people_names.contains(&c.name);
         Self {
             config: config.clone(),
             camera,

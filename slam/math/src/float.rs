@@ -101,7 +101,7 @@ mod tests {
     #[test]
     fn transcendental_bits_are_pinned() {
         assert_eq!(sin(0.7).to_bits(), 0x3fe4_9d6e_6946_19b8);
-        assert_eq!(exp(0.7).to_bits(), 0x4000_1c2a_61268987);
-        assert_eq!(atan2(0.3, -0.4).to_bits(), 0x4003_fc17_6b7a8560);
+        assert_eq!(exp(0.7).to_bits(), 0x4000_1c2a_6126_8987);
+        assert_eq!(atan2(0.3, -0.4).to_bits(), 0x4003_fc17_6b7a_8560);
     }
 }

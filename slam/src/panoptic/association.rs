@@ -25,14 +25,14 @@ impl PanopticFilter {
     /// mover is often mislabelled for some frames). The rest starts new tracks.
     pub(super) fn associate(&mut self, ctx: &Context, regions: &Regions) -> Vec<Track> {
         let mut tracks: Vec<Option<Track>> = vec![None; regions.list.len()];
-        if let Some(last) = &self.last {
-            if last.regions.cell.len() == regions.cell.len() {
-                let mut taken = vec![false; last.regions.list.len()];
-                for (before, now) in ranked_pairs(ctx, &last.regions, regions) {
-                    if !taken[before] && tracks[now].is_none() {
-                        taken[before] = true;
-                        tracks[now] = Some(inherit(&last.tracks[before], &regions.list[now]));
-                    }
+        if let Some(last) = &self.last
+            && last.regions.cell.len() == regions.cell.len()
+        {
+            let mut taken = vec![false; last.regions.list.len()];
+            for (before, now) in ranked_pairs(ctx, &last.regions, regions) {
+                if !taken[before] && tracks[now].is_none() {
+                    taken[before] = true;
+                    tracks[now] = Some(inherit(&last.tracks[before], &regions.list[now]));
                 }
             }
         }

@@ -143,10 +143,10 @@ impl PanopticFilter {
             epipolar: None,
             epipolar_px: vec![f64::NAN; n],
         };
-        if ctx.config.panoptic.rule == Rule::Paper {
-            if let Some(last) = self.history.back() {
-                epipolar::measure(ctx, input.id, last, obs, &mut frame);
-            }
+        if ctx.config.panoptic.rule == Rule::Paper
+            && let Some(last) = self.history.back()
+        {
+            epipolar::measure(ctx, input.id, last, obs, &mut frame);
         }
         verdict::decide(ctx, obs, &mut frame);
         frame

@@ -99,11 +99,11 @@ impl Regions {
             }
         }
         let mut unknown = vec![false; self.cell.len()];
-        for cell in 0..self.cell.len() {
+        for (cell, is_unknown) in unknown.iter_mut().enumerate() {
             let (x, y) = self.center(cell);
             match mask.segments.binary_search_by_key(&mask.at(x, y), |s| s.id) {
                 Ok(i) => self.cell[cell] = region_of[i].unwrap_or(NO_REGION),
-                Err(_) => unknown[cell] = true,
+                Err(_) => *is_unknown = true,
             }
         }
         unknown

@@ -7,10 +7,10 @@ use crate::observation::Observation;
 use crate::panoptic::FrameFilter;
 use crate::report::{Counts, FieldRecord, FrameReport, Stage, StageRecord};
 
-fn field(name: &'static str, value: impl ToString, write: impl FnOnce(&mut DigestWriter)) -> FieldRecord {
+fn field(name: &'static str, value: impl std::fmt::Display, write: impl FnOnce(&mut DigestWriter)) -> FieldRecord {
     let mut w = DigestWriter::default();
     write(&mut w);
-    FieldRecord { name, digest: w.finish(), value: value.to_string() }
+    FieldRecord { name, digest: w.finish(), value: format!("{value}") }
 }
 
 pub(super) fn features(obs: &Observation) -> StageRecord {

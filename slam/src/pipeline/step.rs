@@ -86,7 +86,7 @@ impl<'a> Step<'a> {
             self.map_frame(&filter);
         }
         self.observer.done(Work::Mapping);
-        self.finish(tracked, filter)
+        self.finish(tracked, &filter)
     }
 
     fn select(&mut self, filter: &FrameFilter) {
@@ -145,11 +145,11 @@ impl<'a> Step<'a> {
             let predicted = velocity * last.camera_from_world;
             (self.counts.motion_matches, inliers) = track_motion_model(ctx, map, &last, &predicted, &mut self.frame);
         }
-        if inliers < min {
-            if let Some(keyframe) = map.keyframe(last.reference) {
-                self.frame.camera_from_world = last.camera_from_world;
-                (self.counts.motion_matches, inliers) = track_reference(ctx, map, keyframe, &mut self.frame);
-            }
+        if inliers < min
+            && let Some(keyframe) = map.keyframe(last.reference)
+        {
+            self.frame.camera_from_world = last.camera_from_world;
+            (self.counts.motion_matches, inliers) = track_reference(ctx, map, keyframe, &mut self.frame);
         }
         self.slam.tracker.last = Some(last);
         inliers
@@ -279,10 +279,10 @@ impl<'a> Step<'a> {
 
     fn forget_culled_keyframes(&mut self) {
         for edit in &self.journal {
-            if let MapEdit::CullKeyFrame(id) = edit {
-                if self.slam.map.keyframe(*id).is_none() {
-                    self.slam.places.remove(id.0);
-                }
+            if let MapEdit::CullKeyFrame(id) = edit
+                && self.slam.map.keyframe(*id).is_none()
+            {
+                self.slam.places.remove(id.0);
             }
         }
     }
@@ -308,10 +308,10 @@ impl<'a> Step<'a> {
     }
 
     /// State for the next frame, history, digests, report.
-    fn finish(mut self, tracked: bool, filter: FrameFilter) -> FrameReport {
+    fn finish(mut self, tracked: bool, filter: &FrameFilter) -> FrameReport {
         self.slam.last_local = None;
         let pose = tracked.then_some(self.frame.camera_from_world);
-        self.slam.filter.remember(&self.ctx, self.input, &self.frame.obs, pose.as_ref(), &filter);
+        self.slam.filter.remember(&self.ctx, self.input, &self.frame.obs, pose.as_ref(), filter);
         self.advance_tracker(tracked);
         self.slam.frames.push(trajectory::Entry {
             id: self.frame.id,
@@ -326,11 +326,11 @@ impl<'a> Step<'a> {
         self.counts.static_keypoints = filter.verdict.iter().filter(|v| **v == Verdict::Static).count() as u32;
         self.counts.keyframes = self.slam.map.keyframe_count() as u32;
         self.counts.map_points = self.slam.map.point_count() as u32;
-        let mut report = self.report(tracked, &filter);
+        let mut report = self.report(tracked, filter);
         report.records = vec![
             record::features(&self.frame.obs),
-            record::regions(&filter),
-            record::verdicts(&filter, &self.counts),
+            record::regions(filter),
+            record::verdicts(filter, &self.counts),
             record::matches(&report),
             record::pose(&report),
             record::map(&self.journal, self.edits, &self.counts),
