@@ -1,0 +1,65 @@
+//! A replay that hands out every report whole.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use replayer::log::{DecodedFrame, Log, MaskPixels, decode};
+use schemas::calibration::Distortion as Lens;
+use slam::{Category, Config, DepthImage, FrameInput, FrameReport, PanopticMask, Segment, Setup, Slam, Unobserved};
+use slam_math::{FrameId, Stamp};
+use slam_vision::{Camera, Distortion, Workspace, gray_from_rgb};
+
+use super::Result;
+
+/// Replays the log with its default segmentation layer and shows `each` frame's report with the picture's size.
+pub fn for_each_report(
+    log: &Path,
+    config: &Config,
+    each: &mut dyn FnMut(&FrameReport, (u32, u32)) -> Result<()>,
+) -> Result<()> {
+    let log = Log::open(log)?;
+    let timeline = log.timeline(log.default_layer())?;
+    let model = log.camera()?;
+    let categories = log.default_layer().map_or(&[][..], |layer| log.categories(layer)).iter();
+    let categories = categories.map(|c| Category { id: c.id, name: c.name.clone(), is_thing: c.is_thing }).collect();
+    let distortion = match model.distortion {
+        Lens::None => Distortion::None,
+        Lens::Radtan { k1, k2, p1, p2, k3 } => Distortion::Radtan { k1, k2, p1, p2, k3 },
+    };
+    let (size, [fx, fy, cx, cy]) = ((model.width, model.height), [model.fx, model.fy, model.cx, model.cy]);
+    let camera = Camera { fx, fy, cx, cy, width: size.0, height: size.1, distortion };
+    let mut slam = Slam::new(config, &Setup { camera, categories })?;
+    let mut workspace = Workspace::default();
+    for raw in timeline.stream(0..timeline.frames().len())? {
+        let frame = decode(&raw?, &model)?;
+        let (stamp, input) = (frame.stamp, input(frame)?);
+        let observation = slam.front_end().observe(&input, &mut workspace)?;
+        let report = slam.step(&input, Arc::new(observation), &mut Unobserved)?;
+        each(&report, size).map_err(|error| format!("picture {} at {stamp} s: {error}", report.id))?;
+    }
+    Ok(())
+}
+
+fn input(frame: DecodedFrame) -> Result<FrameInput> {
+    let (width, height) = (frame.rgb.width, frame.rgb.height);
+    let depth = frame.depth.map(|depth| DepthImage {
+        width,
+        height,
+        units: depth.units,
+        metres_per_unit: 1.0 / depth.units_per_metre,
+    });
+    Ok(FrameInput {
+        id: FrameId::from(frame.index),
+        stamp: Stamp(frame.stamp.0),
+        gray: gray_from_rgb(&frame.rgb.data, width, height)?,
+        depth: depth.map(Arc::new),
+        panoptic: frame.mask.map(|mask| Arc::new(panoptic(mask, width, height))),
+    })
+}
+
+fn panoptic(mask: MaskPixels, width: usize, height: usize) -> PanopticMask {
+    // What is no confidence tells nothing.
+    let score = |score: f32| if (0.0..=1.0).contains(&score) { score } else { 1.0 };
+    let segment = |s: schemas::msg::Segment| Segment { id: s.id, category: s.category_id, score: score(s.score) };
+    PanopticMask { width, height, ids: mask.instance, segments: mask.segments.into_iter().map(segment).collect() }
+}
