@@ -26,7 +26,7 @@ pub struct NewPoint {
 pub enum MapEdit {
     /// Adds a keyframe; its id must be [`Map::next_keyframe`]. Its `points` become observations.
     AddKeyFrame(Box<KeyFrame>),
-    /// Adds a point; its id is [`Map::next_point`].
+    /// Adds a point, seen with a keypoint that was free; its id is [`Map::next_point`].
     AddPoint(NewPoint),
     /// A keyframe observes a point with a keypoint that was free.
     Observe(MapPointId, KeyFrameId, u32),
@@ -127,6 +127,9 @@ impl Map {
 
     fn add_point(&mut self, new: &NewPoint) -> bool {
         let Some(keyframe) = self.keyframe(new.keyframe) else { return false };
+        if keyframe.points[new.index as usize].is_some() {
+            return false;
+        }
         let to_point = new.position - keyframe.center();
         let id = self.next_point();
         let point = MapPoint {

@@ -204,6 +204,14 @@ impl PanopticFilter {
         }
     }
 
+    /// The world has got a new frame: moves the remembered poses into it.
+    pub fn move_world(&mut self, new_from_old: &Se3) {
+        let old_from_new = new_from_old.inverse();
+        for remembered in &mut self.history {
+            remembered.camera_from_world = (remembered.camera_from_world * old_from_new).normalized();
+        }
+    }
+
     /// The remembered frames of the configured ages, youngest first.
     fn compared_with(&self, ctx: &Context, now: FrameId) -> Vec<&Remembered> {
         let mut ages = ctx.config.panoptic.motion.history_frames.clone();

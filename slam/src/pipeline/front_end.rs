@@ -34,25 +34,36 @@ impl FrontEnd {
     /// Features of a frame with depth and labels. `workspace` only saves allocations.
     ///
     /// # Errors
-    /// Pictures of another size than the calibration's.
+    /// Pictures of another size than the calibration's, or with more or fewer pixels than their size says.
     pub fn observe(&self, input: &FrameInput, workspace: &mut Workspace) -> Result<Observation, SlamError> {
-        self.check_size(input, "picture", input.gray.width, input.gray.height)?;
+        let gray = &input.gray;
+        self.check_size(input, "picture", gray.width, gray.height, gray.data.len())?;
         if let Some(depth) = &input.depth {
-            self.check_size(input, "depth image", depth.width, depth.height)?;
+            self.check_size(input, "depth image", depth.width, depth.height, depth.units.len())?;
         }
         if let Some(mask) = &input.panoptic {
-            self.check_size(input, "panoptic mask", mask.width, mask.height)?;
+            self.check_size(input, "panoptic mask", mask.width, mask.height, mask.ids.len())?;
         }
         let features = self.extractor.extract_with(&input.gray, workspace);
         Ok(Observation::new(features, input, &self.ctx.camera, &self.ctx.config.sensor))
     }
 
-    fn check_size(&self, input: &FrameInput, what: &'static str, width: usize, height: usize) -> Result<(), SlamError> {
+    fn check_size(
+        &self,
+        input: &FrameInput,
+        what: &'static str,
+        width: usize,
+        height: usize,
+        pixels: usize,
+    ) -> Result<(), SlamError> {
         let camera = &self.ctx.camera;
-        if width == camera.width as usize && height == camera.height as usize {
-            return Ok(());
-        }
         let (expected_width, expected_height) = (camera.width, camera.height);
-        Err(SlamError::Size { frame: input.id.0, what, width, height, expected_width, expected_height })
+        if width != expected_width as usize || height != expected_height as usize {
+            return Err(SlamError::Size { frame: input.id.0, what, width, height, expected_width, expected_height });
+        }
+        if pixels != width * height {
+            return Err(SlamError::Pixels { frame: input.id.0, what, pixels, expected: width * height });
+        }
+        Ok(())
     }
 }

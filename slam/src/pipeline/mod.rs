@@ -48,6 +48,18 @@ pub enum SlamError {
         /// Height in the calibration.
         expected_height: u32,
     },
+    /// A picture whose buffer does not hold width x height pixels.
+    #[error("frame {frame}: the {what} has {pixels} pixels, its size says {expected}")]
+    Pixels {
+        /// Which frame.
+        frame: u32,
+        /// Which picture.
+        what: &'static str,
+        /// Pixels in its buffer.
+        pixels: usize,
+        /// Width times height.
+        expected: usize,
+    },
     /// Frames must come in order.
     #[error("frame {got} came when frame {expected} was due")]
     Order {

@@ -304,6 +304,11 @@ impl<'a> Step<'a> {
         self.edit(|_, editor, _| editor.apply(join));
         self.slam.tracker.active = found.map;
         self.frame.update_from(&self.slam.map);
+        // What is remembered of the frames before must move along: motion is judged against it, and predicted from it.
+        self.slam.filter.move_world(&into_from_map);
+        if let Some(last) = &mut self.slam.tracker.last {
+            last.update_from(&self.slam.map);
+        }
         self.event(true, format!("{active} joined {} at {}", found.map, found.keyframe));
     }
 
@@ -317,6 +322,7 @@ impl<'a> Step<'a> {
             id: self.frame.id,
             stamp: self.frame.stamp,
             tracked: tracked.then_some(trajectory::Tracked {
+                map: self.slam.tracker.active,
                 camera_from_world: self.frame.camera_from_world,
                 reference: self.frame.reference,
                 camera_from_reference: self.frame.camera_from_reference,

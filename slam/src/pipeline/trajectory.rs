@@ -14,6 +14,8 @@ pub(super) struct Entry {
 
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Tracked {
+    /// Part of the atlas at that time.
+    pub map: MapId,
     pub camera_from_world: Se3,
     pub reference: KeyFrameId,
     pub camera_from_reference: Se3,
@@ -33,24 +35,25 @@ pub struct TrajectoryPose {
 }
 
 impl Slam {
-    /// Poses as they were known at each tracked frame. Lost frames are absent: no pose is ever guessed.
+    /// Poses as they were known at each tracked frame, in the part of the atlas as it was then (later joined or not).
+    /// Lost frames are absent: no pose is ever guessed.
     pub fn online_trajectory(&self) -> impl Iterator<Item = TrajectoryPose> {
-        self.tracked_frames(|t| t.camera_from_world)
+        self.tracked_frames(|t| (t.camera_from_world, t.map))
     }
 
-    /// Poses relative to the keyframes as they are now.
+    /// Poses relative to the keyframes as they are now, in the parts of the atlas as they are now. Lost frames are
+    /// absent.
     pub fn trajectory(&self) -> impl Iterator<Item = TrajectoryPose> {
         self.tracked_frames(|t| match self.map.pose_of(t.reference) {
-            Some((reference_from_world, _)) => t.camera_from_reference * reference_from_world,
-            None => t.camera_from_world,
+            Some((reference_from_world, map)) => (t.camera_from_reference * reference_from_world, map),
+            None => (t.camera_from_world, t.map),
         })
     }
 
-    fn tracked_frames(&self, pose: impl Fn(&Tracked) -> Se3) -> impl Iterator<Item = TrajectoryPose> {
+    fn tracked_frames(&self, place: impl Fn(&Tracked) -> (Se3, MapId)) -> impl Iterator<Item = TrajectoryPose> {
         self.frames.iter().filter_map(move |entry| {
-            let tracked = entry.tracked.as_ref()?;
-            let map = self.map.pose_of(tracked.reference).map_or(MapId(0), |(_, map)| map);
-            let world_from_camera = pose(tracked).inverse();
+            let (camera_from_world, map) = place(entry.tracked.as_ref()?);
+            let world_from_camera = camera_from_world.inverse();
             Some(TrajectoryPose { id: entry.id, stamp: entry.stamp, map, world_from_camera })
         })
     }
