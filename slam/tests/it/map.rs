@@ -1,0 +1,201 @@
+//! Random edits never break what the map promises.
+
+use std::sync::Arc;
+
+use nalgebra::{Vector3, Vector6};
+use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
+use slam::map::{KeyFrame, Map, MapEdit, MapPoint, NewPoint};
+use slam::report::KeypointClass;
+use slam_math::{FrameId, KeyFrameId, MapId, MapPointId, Rng, Se3, Stamp};
+
+use crate::support::{descriptor, observation};
+
+pub const KEYPOINTS: u32 = 24;
+
+/// A pose that depends on the number alone.
+pub fn pose(seed: u32) -> Se3 {
+    let mut rng = Rng::at(3, seed, 0, 0);
+    Se3::exp(&Vector6::from_fn(|_, _| rng.uniform() - 0.5))
+}
+
+pub fn position(seed: u32) -> Vector3<f64> {
+    let mut rng = Rng::at(4, seed, 0, 0);
+    Vector3::from_fn(|_, _| rng.uniform() * 4.0)
+}
+
+/// The next keyframe of a part; keypoint `i` sees `points[i]`.
+pub fn keyframe(map: &Map, part: MapId, points: &[MapPointId]) -> MapEdit {
+    let id = map.next_keyframe();
+    let pixels: Vec<[f64; 2]> = (0..KEYPOINTS).map(|i| [10.0 + 12.0 * f64::from(i), 40.0]).collect();
+    let descriptors: Vec<_> = (0..KEYPOINTS).map(|i| descriptor(id.0, i)).collect();
+    let mut seen: Vec<Option<MapPointId>> = points.iter().map(|p| Some(*p)).take(KEYPOINTS as usize).collect();
+    seen.resize(KEYPOINTS as usize, None);
+    MapEdit::AddKeyFrame(Box::new(KeyFrame {
+        id,
+        frame: FrameId(id.0),
+        stamp: Stamp(0),
+        map: part,
+        obs: Arc::new(observation(&pixels, &descriptors)),
+        usable: Arc::new(vec![true; KEYPOINTS as usize]),
+        points: seen,
+        camera_from_world: pose(id.0),
+        covisible: Vec::new(),
+        parent: None,
+        children: Vec::new(),
+    }))
+}
+
+pub fn new_point(keyframe: KeyFrameId, index: u32) -> MapEdit {
+    let class = KeypointClass::Stuff;
+    MapEdit::AddPoint(NewPoint { position: position(index), keyframe, index, frame: FrameId(keyframe.0), class })
+}
+
+type Row = (
+    KeyFrameId,
+    MapId,
+    [f64; 12],
+    Vec<Option<MapPointId>>,
+    Vec<(KeyFrameId, u32)>,
+    Option<KeyFrameId>,
+    Vec<KeyFrameId>,
+);
+
+/// Everything a reader of the map can see.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Content {
+    keyframes: Vec<Row>,
+    points: Vec<MapPoint>,
+    next: (KeyFrameId, MapPointId),
+    poses: Vec<Option<([f64; 12], MapId)>>,
+    current: Vec<Option<MapPointId>>,
+}
+
+pub fn content(map: &Map) -> Content {
+    let row = |k: &KeyFrame| {
+        let pose = k.camera_from_world.rows();
+        (k.id, k.map, pose, k.points.clone(), k.covisible.clone(), k.parent, k.children.clone())
+    };
+    let (keyframe, point) = (map.next_keyframe(), map.next_point());
+    Content {
+        keyframes: map.keyframes().map(row).collect(),
+        points: map.points().cloned().collect(),
+        next: (keyframe, point),
+        poses: (0..keyframe.0).map(|i| map.pose_of(KeyFrameId(i)).map(|(p, m)| (p.rows(), m))).collect(),
+        current: (0..point.0).map(|i| map.current_point(MapPointId(i))).collect(),
+    }
+}
+
+/// Panics when something in the map contradicts something else.
+pub fn check(map: &Map) {
+    assert_eq!(map.keyframe_count(), map.keyframes().count());
+    assert_eq!(map.point_count(), map.points().count());
+    for point in map.points() {
+        assert!(!point.seen_in.is_empty(), "{} is seen by nobody", point.id);
+        assert!(point.seen_in.is_sorted_by(|a, b| a.keyframe < b.keyframe), "{:?}", point.seen_in);
+        for s in &point.seen_in {
+            let keyframe = map.keyframe(s.keyframe).expect("sightings are by live keyframes");
+            assert_eq!(keyframe.points[s.index as usize], Some(point.id));
+        }
+    }
+    for k in map.keyframes() {
+        for (i, point) in k.points.iter().enumerate().filter_map(|(i, p)| p.map(|p| (i, p))) {
+            let sighting = map.point(point).expect("keyframes see live points").sighting(k.id).copied();
+            assert_eq!(sighting.map(|s| s.index), Some(i as u32));
+        }
+        let order = |(id, weight): &(KeyFrameId, u32)| (std::cmp::Reverse(*weight), *id);
+        assert!(k.covisible.is_sorted_by(|a, b| order(a) < order(b)), "{:?}", k.covisible);
+        for (other, weight) in &k.covisible {
+            assert_ne!(*other, k.id);
+            let back = map.keyframe(*other).expect("neighbours live").covisible.iter().find(|(id, _)| *id == k.id);
+            assert_eq!(back, Some(&(k.id, *weight)), "edge of {} and {other}", k.id);
+        }
+        check_tree(map, k);
+    }
+}
+
+/// A parent is older, so following parents ends at a root: no cycles.
+fn check_tree(map: &Map, k: &KeyFrame) {
+    assert!(k.children.is_sorted_by(|a, b| a < b));
+    if let Some(parent) = k.parent {
+        assert!(parent < k.id);
+        assert!(map.keyframe(parent).expect("parents live").children.contains(&k.id));
+    }
+    for child in &k.children {
+        assert_eq!(map.keyframe(*child).expect("children live").parent, Some(k.id));
+    }
+}
+
+/// Three raw numbers choose an edit; ids may be dead or not there yet.
+fn edit(map: &Map, kind: u32, a: u32, b: u32) -> MapEdit {
+    let keyframe_id = KeyFrameId(a % (map.next_keyframe().0 + 1));
+    let point_id = MapPointId(b % (map.next_point().0 + 1));
+    let part = map.keyframe(keyframe_id).map_or(MapId(a % 2), |k| k.map);
+    let of_part: Vec<MapPointId> = map.points().filter(|p| p.map == part).map(|p| p.id).collect();
+    let chosen = if of_part.is_empty() { map.next_point() } else { of_part[b as usize % of_part.len()] };
+    match kind % 16 {
+        0 | 1 => {
+            let start = b as usize % (of_part.len() / 3 + 1);
+            keyframe(map, part, &of_part[start..])
+        }
+        2..=5 => new_point(keyframe_id, b % KEYPOINTS),
+        6 => MapEdit::Observe(chosen, keyframe_id, (a / 7 + b) % KEYPOINTS),
+        7 => MapEdit::Unobserve(point_id, keyframe_id),
+        8 => {
+            let keep = map.point(point_id).map_or(MapId(0), |p| p.map);
+            let drop = map.points().filter(|p| p.map == keep).map(|p| p.id).nth(a as usize % 7);
+            MapEdit::MergePoints { keep: point_id, drop: drop.unwrap_or(map.next_point()) }
+        }
+        9 => MapEdit::SetPose(keyframe_id, pose(a ^ b)),
+        10 => MapEdit::SetPosition(point_id, position(a ^ b)),
+        11 => MapEdit::CountSight(point_id, a % 2 == 0),
+        12 | 13 => MapEdit::Connect(keyframe_id),
+        14 if a % 3 > 0 => MapEdit::CullKeyFrame(keyframe_id),
+        14 if b % 5 == 0 => MapEdit::Join { map: MapId(1), into: MapId(0), into_from_map: pose(a) },
+        14 => MapEdit::Refresh(point_id, [0.5, 4.0]),
+        _ if a % 3 == 0 => MapEdit::CullPoint(point_id),
+        _ => MapEdit::SetDoubts(point_id, a),
+    }
+}
+
+fn distance(a: &Se3, b: &Se3) -> f64 {
+    a.rows().iter().zip(b.rows()).map(|(a, b)| (a - b).abs()).sum()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 2000, rng_seed: RngSeed::Fixed(1), failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn edits_keep_the_map_consistent(raw in proptest::collection::vec((0..64u32, 0..1000u32, 0..1000u32), 1..140)) {
+        let mut map = Map::default();
+        map.apply(&keyframe(&map, MapId(0), &[]));
+        map.apply(&keyframe(&map, MapId(1), &[]));
+        let mut merged = Vec::new();
+        for (kind, a, b) in raw {
+            let edit = edit(&map, kind, a, b);
+            let (before, snapshot) = (content(&map), map.clone());
+            let applied = map.apply(&edit);
+            check(&map);
+            prop_assert_eq!(&content(&snapshot), &before, "a snapshot changed with {:?}", edit.name());
+            if !applied {
+                prop_assert_eq!(content(&map), before, "{} did nothing but changed the map", edit.name());
+                continue;
+            }
+            match edit {
+                MapEdit::MergePoints { keep, drop } => merged.push((drop, keep)),
+                MapEdit::CullKeyFrame(id) => {
+                    let (was, now) = (snapshot.pose_of(id).unwrap(), map.pose_of(id).unwrap());
+                    prop_assert!(map.keyframe(id).is_none());
+                    prop_assert!(distance(&was.0, &now.0) < 1e-9, "{was:?} became {now:?}");
+                    prop_assert_eq!(was.1, now.1);
+                }
+                _ => {}
+            }
+            for (drop, keep) in &merged {
+                prop_assert!(map.point(*drop).is_none());
+                prop_assert_eq!(map.current_point(*drop), map.current_point(*keep));
+            }
+            prop_assert!((0..map.next_keyframe().0).all(|i| map.pose_of(KeyFrameId(i)).is_some()));
+        }
+    }
+}
