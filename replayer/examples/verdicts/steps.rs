@@ -11,12 +11,11 @@ use slam_vision::{Camera, Distortion, Workspace, gray_from_rgb};
 
 use super::Result;
 
-/// Replays the log with its default segmentation layer and shows `each` frame's report with the picture's size.
-pub fn for_each_report(
-    log: &Path,
-    config: &Config,
-    each: &mut dyn FnMut(&FrameReport, (u32, u32)) -> Result<()>,
-) -> Result<()> {
+/// Takes a frame's report and the picture's width and height in pixels.
+pub type Each<'a> = &'a mut dyn FnMut(&FrameReport, (u32, u32)) -> Result<()>;
+
+/// Replays the log with its default segmentation layer and shows every frame to `each`.
+pub fn for_each_report(log: &Path, config: &Config, each: Each<'_>) -> Result<()> {
     let log = Log::open(log)?;
     let timeline = log.timeline(log.default_layer())?;
     let model = log.camera()?;

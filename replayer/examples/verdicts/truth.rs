@@ -11,10 +11,13 @@ use serde::Deserialize;
 
 use super::Result;
 
+/// Whether a mover moves, by its number.
+type Moving = BTreeMap<u8, bool>;
+
 /// Masks and states of the movers by the stamp of the picture.
 pub struct Truth {
     masks: BTreeMap<Stamp, PathBuf>,
-    moving: Option<BTreeMap<Stamp, BTreeMap<u8, bool>>>,
+    moving: Option<BTreeMap<Stamp, Moving>>,
 }
 
 /// `movers.json`.
@@ -78,14 +81,14 @@ impl Truth {
     }
 
     /// Which of the movers move at this time, by number; `None` when nothing is known and all of them do.
-    pub fn moving(&self, stamp: Stamp) -> Result<Option<&BTreeMap<u8, bool>>> {
+    pub fn moving(&self, stamp: Stamp) -> Result<Option<&Moving>> {
         let frame =
             self.moving.as_ref().map(|frames| frames.get(&stamp).ok_or("movers.json has no frame with its stamp"));
         Ok(frame.transpose()?)
     }
 }
 
-fn states(text: &[u8]) -> Result<BTreeMap<Stamp, BTreeMap<u8, bool>>> {
+fn states(text: &[u8]) -> Result<BTreeMap<Stamp, Moving>> {
     let file: MoversFile = serde_json::from_slice(text)?;
     let states = |frame: &MoversFrame| frame.movers.iter().map(|mover| (mover.id, mover.moving)).collect();
     file.frames.iter().map(|frame| Ok((Stamp::from_decimal(&frame.timestamp)?, states(frame)))).collect()
