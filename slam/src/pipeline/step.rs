@@ -8,7 +8,7 @@ use super::{Observer, Slam, Tracker, Work, doubts, record, trajectory};
 use crate::context::Context;
 use crate::input::FrameInput;
 use crate::map::{EditCounts, MapEdit};
-use crate::mapping::{Editor, MappingCounts, create_points_from_depth, insert_keyframe, local_mapping};
+use crate::mapping::{Editor, MappingCounts, YoungPoints, create_points_from_depth, insert_keyframe, local_mapping};
 use crate::observation::Observation;
 use crate::panoptic::{CELL_PX, FrameFilter};
 use crate::report::{
@@ -93,7 +93,7 @@ impl<'a> Step<'a> {
         (self.selection, self.frame.usable) = filter.select(&self.ctx);
     }
 
-    fn edit<R>(&mut self, f: impl FnOnce(&Context, &mut Editor<'_>, &mut super::YoungPoints) -> R) -> R {
+    fn edit<R>(&mut self, f: impl FnOnce(&Context, &mut Editor<'_>, &mut YoungPoints) -> R) -> R {
         let mut editor = Editor::new(&mut self.slam.map);
         let result = f(&self.ctx, &mut editor, &mut self.slam.young);
         self.edits.applied += editor.counts.applied;
@@ -118,6 +118,8 @@ impl<'a> Step<'a> {
         let map = self.slam.tracker.next_map;
         self.slam.tracker.next_map = MapId(map.0 + 1);
         self.slam.tracker.active = map;
+        // Points of the part that was left are off probation: nobody looks at them, and they may be found again.
+        self.slam.young = YoungPoints::default();
         self.frame.camera_from_world = Se3::identity();
         self.insert(filter, map);
         self.counts.inliers = self.frame.match_count();

@@ -5,6 +5,7 @@
 mod config;
 mod filter;
 mod filter_selection;
+mod joining;
 mod loss;
 mod map;
 mod map_edits;

@@ -1,0 +1,59 @@
+//! A kidnapped camera starts a second map, and the two are joined when it comes back.
+
+use fixtures::WorldConfig;
+use nalgebra::Vector3;
+use slam::Config;
+use slam::report::{TrackingState, Verdict};
+use slam_math::MapId;
+use slam_math::align::umeyama;
+
+use crate::support::{inputs, room, run};
+
+/// Frames of a sequence in which the gaze sweeps from the middle of the room far to the right and back. The camera
+/// starts in the middle, is carried off to the right, and turns back to the middle.
+fn sweep() -> (WorldConfig, Vec<u32>) {
+    let mut world = room(200);
+    world.camera_path.amplitude_m = [0.1, 0.05, 0.02];
+    world.camera_path.look_amplitude_m = [6.0, 0.0, 0.0];
+    let order = (0..6).chain(64..118).collect();
+    (world, order)
+}
+
+#[test]
+fn a_kidnapped_camera_starts_a_map_that_is_joined_later() {
+    let mut config = Config::default();
+    config.relocalization.frames_before_new_map = 3;
+    let (world, order) = sweep();
+    let (slam, reports) = run(&config, &inputs(&world, order.iter().copied()));
+    let started = reports.iter().position(|r| r.map == MapId(1)).expect("a second map");
+    assert!((9..14).contains(&started), "frame {started}");
+    assert!(reports[6..started].iter().all(|r| r.camera_from_world.is_none()), "nothing is guessed in between");
+    assert_eq!(reports[started].state, TrackingState::Ok);
+    let joined = reports[started..].iter().position(|r| r.map == MapId(0)).expect("joined") + started;
+    assert!(reports[joined].events.iter().any(|e| e.warning && e.text.contains("joined")));
+    assert!(reports[started..joined].iter().all(|r| r.map == MapId(1) && r.state == TrackingState::Ok));
+    assert!(reports[joined..].iter().all(|r| r.map == MapId(0) && r.state == TrackingState::Ok));
+    assert_eq!(slam.map().keyframe_count_of(MapId(1)), 0);
+
+    // What was remembered moved along: right after the join nothing static looks as if it had moved.
+    for r in &reports[joined + 1..] {
+        let moved = r.keypoints.iter().filter(|k| k.verdict.is_dynamic() || k.verdict == Verdict::Border).count();
+        assert!(moved * 10 < r.keypoints.len(), "{moved} of {} in frame {}", r.keypoints.len(), r.id);
+        assert!(r.counts.motion_matches > 100, "the motion model goes on: {:?}", r.counts);
+    }
+
+    // One frame of coordinates for the whole path; the online path keeps the one it had.
+    let truth = fixtures::World::new(&world).unwrap();
+    let path: Vec<_> = slam.trajectory().collect();
+    assert!(path.iter().all(|p| p.map == MapId(0)));
+    let at = |id: u32| truth.world_from_camera(truth.stamp_ns(order[id as usize]));
+    let found: Vec<Vector3<f64>> = path.iter().map(|p| p.world_from_camera.translation).collect();
+    let wanted: Vec<Vector3<f64>> = path.iter().map(|p| at(p.id.0).translation).collect();
+    let fit = umeyama(&found, &wanted, false).expect("the path bends");
+    for (f, w) in found.iter().zip(&wanted) {
+        assert!((fit.transform(f) - w).norm() < 0.05, "{} m off", (fit.transform(f) - w).norm());
+    }
+    let online: Vec<MapId> = slam.online_trajectory().map(|p| p.map).collect();
+    let reported: Vec<MapId> = reports.iter().filter(|r| r.camera_from_world.is_some()).map(|r| r.map).collect();
+    assert_eq!(online, reported);
+}
