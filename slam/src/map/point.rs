@@ -77,3 +77,16 @@ pub(crate) fn distinctive(descriptors: &[Descriptor]) -> Option<Descriptor> {
     };
     descriptors.iter().min_by_key(|d| median_of(d)).copied()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_distinctive_descriptor_is_in_the_middle() {
+        let ones = |n: u32| [(1u64 << n) - 1, 0, 0, 0];
+        assert_eq!(distinctive(&[ones(0), ones(20), ones(9), ones(10), ones(11)]), Some(ones(10)));
+        assert_eq!(distinctive(&[ones(3), ones(5)]), Some(ones(3)), "the first one wins ties");
+        assert_eq!(distinctive(&[]), None);
+    }
+}

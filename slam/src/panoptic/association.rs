@@ -168,3 +168,55 @@ impl Track {
         };
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Config;
+
+    fn track(state: RegionState) -> Track {
+        Track { id: 0, state, age: 0, static_streak: 0, dynamic_streak: 0 }
+    }
+
+    /// State after each vote.
+    fn states(mut track: Track, votes: &[Vote]) -> Vec<RegionState> {
+        let config = Config::default().panoptic.motion;
+        let update = |vote: &Vote| {
+            track.update(&config, *vote);
+            track.state
+        };
+        votes.iter().map(update).collect()
+    }
+
+    #[test]
+    fn confirmation_takes_its_frames_and_silence_does_not_break_it() {
+        use RegionState::{Dynamic, New, Static};
+        let votes = [Vote::Static, Vote::Silent, Vote::Static, Vote::Static];
+        assert_eq!(states(track(New), &votes), [New, New, New, Static]);
+        assert_eq!(states(track(New), &[Vote::Static, Vote::Dynamic]), [New, Dynamic]);
+    }
+
+    #[test]
+    fn a_static_region_needs_votes_in_a_row_to_be_taken_out() {
+        use RegionState::{Dynamic, Static};
+        let votes = [Vote::Dynamic, Vote::Static, Vote::Dynamic, Vote::Silent, Vote::Dynamic];
+        assert_eq!(states(track(Static), &votes), [Static, Static, Static, Static, Dynamic]);
+    }
+
+    #[test]
+    fn a_mover_comes_back_after_an_unbroken_row_of_static_votes() {
+        use RegionState::{Dynamic, Static};
+        let mut votes = vec![Vote::Static; 29];
+        votes.push(Vote::Dynamic);
+        votes.extend([Vote::Static; 30]);
+        let all = states(track(Dynamic), &votes);
+        assert!(all[..59].iter().all(|s| *s == Dynamic));
+        assert_eq!(all[59], Static);
+    }
+
+    #[test]
+    fn people_stay_people() {
+        let votes = [Vote::Static; 40];
+        assert!(states(track(RegionState::Person), &votes).iter().all(|s| *s == RegionState::Person));
+    }
+}

@@ -28,6 +28,8 @@ fn a_kidnapped_camera_starts_a_map_that_is_joined_later() {
     let started = reports.iter().position(|r| r.map == MapId(1)).expect("a second map");
     assert!((9..14).contains(&started), "frame {started}");
     assert!(reports[6..started].iter().all(|r| r.camera_from_world.is_none()), "nothing is guessed in between");
+    assert_eq!(reports[6].state, TrackingState::RecentlyLost);
+    assert_eq!(reports[started - 1].state, TrackingState::Lost);
     assert_eq!(reports[started].state, TrackingState::Ok);
     let joined = reports[started..].iter().position(|r| r.map == MapId(0)).expect("joined") + started;
     assert!(reports[joined].events.iter().any(|e| e.warning && e.text.contains("joined")));
