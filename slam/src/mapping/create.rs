@@ -68,7 +68,8 @@ pub fn create_points_from_depth(
 /// Adds a young point with its range.
 pub(super) fn add_point(ctx: &Context, editor: &mut Editor<'_>, young: &mut YoungPoints, new: NewPoint) {
     let id = editor.map().next_point();
-    editor.apply(MapEdit::AddPoint(new));
-    editor.refresh(ctx, id);
-    young.push(id);
+    if editor.apply(MapEdit::AddPoint(new)) {
+        editor.refresh(ctx, id);
+        young.push(id);
+    }
 }
