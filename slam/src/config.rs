@@ -134,8 +134,6 @@ sections! {
 
     /// When a frame becomes a keyframe.
     KeyframeConfig {
-        /// Frames after which a keyframe is due.
-        max_interval: u32,
         /// Frames between keyframes at least.
         min_interval: u32,
         /// Share of the reference keyframe's points below which a keyframe is due.

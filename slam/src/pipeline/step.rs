@@ -214,12 +214,15 @@ impl<'a> Step<'a> {
         let found = relocalize(&self.ctx, &self.slam.map, &self.slam.places, &mut self.frame, |_| true);
         self.observer.done(Work::Predict);
         if let Some(found) = found {
+            self.judge(filter);
+            if !self.track_local() {
+                return false;
+            }
             self.slam.tracker.active = found.map;
             self.slam.tracker.relocalized_at = Some(self.frame.id);
             let lost = self.slam.tracker.lost_frames;
             self.event(true, format!("found again at {} after {lost} lost frames", found.keyframe));
-            self.judge(filter);
-            return self.track_local();
+            return true;
         }
         if self.slam.tracker.lost_usable_frames > r.frames_before_new_map {
             return self.initialize(filter);

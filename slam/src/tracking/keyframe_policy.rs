@@ -6,6 +6,9 @@ use super::TrackedFrame;
 use crate::context::Context;
 use crate::map::Map;
 
+/// A frame tracked by no more than this is no ground to build on (ORB-SLAM2).
+const MIN_INLIERS: u32 = 15;
+
 /// Why a keyframe is due.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum KeyframeNeed {
@@ -40,8 +43,7 @@ pub fn keyframe_needed(
     let since = frame.id.0.saturating_sub(last_keyframe.0);
     let share = if keyframes < 2 { k.tracked_share_start } else { k.tracked_share };
     let changed = f64::from(inliers) < share * in_reference as f64;
-    let due = since >= k.max_interval || since >= k.min_interval;
-    if !due || inliers <= 15 {
+    if since < k.min_interval || inliers <= MIN_INLIERS {
         return None;
     }
     match (need_close, changed) {
