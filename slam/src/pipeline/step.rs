@@ -176,11 +176,8 @@ impl<'a> Step<'a> {
             track_local_map(&self.ctx, &self.slam.map, &mut local, &mut self.frame);
         self.counts.local_points = local.points.len() as u32;
         let t = &self.ctx.config.tracking;
-        let recent = self
-            .slam
-            .tracker
-            .relocalized_at
-            .is_some_and(|at| self.frame.id.0 - at.0 < t.recent_relocalization_frames && at != self.frame.id);
+        let recent =
+            self.slam.tracker.relocalized_at.is_some_and(|at| self.frame.id.0 - at.0 < t.recent_relocalization_frames);
         let needed = if recent { t.min_inliers_after_relocalization } else { t.min_inliers };
         let ok = self.counts.inliers >= needed;
         if ok {
