@@ -55,15 +55,20 @@ fn epipolar_matches(ctx: &Context, a: &KeyFrame, b: &KeyFrame) -> Vec<(usize, us
         let line = EpipolarLine::new(ctx, &b_from_a, &ray);
         let mut best: Option<(u32, usize)> = None;
         for &j in &free_b {
+            // The line is a sharper and cheaper sieve than the descriptor.
+            let scale = ctx.scales[usize::from(b.obs.octave[j])];
+            let near_line = line.distance2(b.obs.pixel[j]) < 3.84 * scale * scale;
+            if !near_line {
+                continue;
+            }
             let distance = hamming(&a.obs.descriptor[i], &b.obs.descriptor[j]);
             if distance > ctx.config.tracking.hamming_low || best.is_some_and(|best| (distance, j) >= best) {
                 continue;
             }
-            let scale = ctx.scales[usize::from(b.obs.octave[j])];
             let has_depth = a.obs.depth(i).is_some() || b.obs.depth(j).is_some();
             let near_epipole = epipole.is_some_and(|e| squared(e, b.obs.pixel[j]) < 100.0 * scale);
             // Parallax vanishes at the epipole: only depth can make a point there.
-            if (has_depth || !near_epipole) && line.distance2(b.obs.pixel[j]) < 3.84 * scale * scale {
+            if has_depth || !near_epipole {
                 best = Some((distance, j));
             }
         }

@@ -183,15 +183,13 @@ impl<'a> Step<'a> {
         if ok {
             let reference = local.reference.unwrap_or(self.frame.reference);
             self.frame.refer_to(reference, &self.slam.map);
+            self.count_sights(local);
         }
         self.observer.done(Work::LocalMap);
-        ok && {
-            self.count_sights(&local);
-            true
-        }
+        ok
     }
 
-    fn count_sights(&mut self, local: &LocalMap) {
+    fn count_sights(&mut self, local: LocalMap) {
         let mut found: Vec<_> = self.frame.matches().map(|(_, id)| id).collect();
         found.sort_unstable();
         let in_view: Vec<_> = local.in_view.iter().map(|(id, _, _)| *id).collect();
@@ -200,7 +198,7 @@ impl<'a> Step<'a> {
                 editor.apply(MapEdit::CountSight(id, found.binary_search(&id).is_ok()));
             }
         });
-        self.slam.last_local = Some(local.clone());
+        self.slam.last_local = Some(local);
     }
 
     /// The track is lost: look for a known place, and start a new map when none is found for long.
