@@ -84,7 +84,8 @@ fn another_configuration_is_found() {
     let config = Config::from_toml("[orb]\nfeatures = 500\n").unwrap();
     assert_ne!(run(&log, &out, 1, config).fingerprint, summary.fingerprint);
     let report = pslam_exits(1, &["diff", text(&first), text(&out)]);
-    for word in ["orb.features", "500", "1000", "frame 0", "stage"] {
+    let default = Config::default().orb.features.to_string();
+    for word in ["orb.features", "500", &default, "frame 0", "stage"] {
         assert!(report.contains(word), "{word}: {report}");
     }
 }
