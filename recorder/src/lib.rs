@@ -5,13 +5,18 @@
 //!   and sensors write through.
 //! - [`import`]: data set folders to logs.
 //! - [`recover`]: a damaged log to a valid one, with a list of what is lost.
+//! - [`realsense`]: RealSense cameras through the vendor's library.
+//! - [`Arrival`]: the host's clocks at the moment when something came in.
 //! - [`picture`]: PNG and JPEG files at the border of a log.
 
+mod arrival;
 pub mod import;
 mod log_writer;
 pub mod picture;
+pub mod realsense;
 pub mod recover;
 mod rgbd;
 
+pub use arrival::Arrival;
 pub use log_writer::{ChannelId, LogOptions, LogWriter, WriteError};
 pub use rgbd::{LayerSpec, Mask, RgbdLog, RgbdSpec};

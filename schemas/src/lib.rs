@@ -8,8 +8,9 @@
 //! - [`Message`]: the trait of all message types in [`msg`], over the CDR codec in [`cdr`].
 //! - [`topics`]: which message stands on which topic, in which frame.
 //! - [`metadata`]: the records that tell units, provenance and repairs, each with a checksum.
-//! - [`calibration`], [`panoptic`], [`pairing`]: what several rooms must read in the same way.
+//! - [`alignment`], [`calibration`], [`panoptic`], [`pairing`]: what several rooms must read in the same way.
 
+pub mod alignment;
 pub mod calibration;
 pub mod cdr;
 mod message;
