@@ -126,6 +126,28 @@ const DEFINITIONS: &[(&str, &str)] = &[
         "panoptic_slam_msgs/msg/SegmentTable",
         "std_msgs/Header header\nstring layer\npanoptic_slam_msgs/Segment[] segments\n",
     ),
+    ("panoptic_slam_msgs/msg/MocapLatency", "string name\nfloat64 seconds\n"),
+    (
+        "panoptic_slam_msgs/msg/MocapTimecode",
+        "uint8 hours\nuint8 minutes\nuint8 seconds\nuint8 frames\nuint16 subframes\nuint16 subframes_per_frame\n\
+         uint32 standard\nuint32 user_bits\nuint8 field_flag\n",
+    ),
+    (
+        "panoptic_slam_msgs/msg/MocapBody",
+        "string subject\nstring segment\nstring parent\nbool occluded\nbool suspect\ngeometry_msgs/Pose pose\n\
+         float64 quality\nfloat64 health\nfloat64 marker_error\n",
+    ),
+    (
+        "panoptic_slam_msgs/msg/MocapMarker",
+        "string subject\nstring name\ngeometry_msgs/Point position\nfloat64 radius\nuint32 trajectory_id\n",
+    ),
+    (
+        "panoptic_slam_msgs/msg/MocapFrame",
+        "std_msgs/Header header\nstring source\nint64 frame_number\nint64 hardware_frame\nfloat64 rate\n\
+         int64 arrival_monotonic_ns\nint64 arrival_realtime_ns\nint64 source_stamp_ns\n\
+         panoptic_slam_msgs/MocapLatency[] latency\npanoptic_slam_msgs/MocapTimecode[] timecode\n\
+         panoptic_slam_msgs/MocapBody[] bodies\npanoptic_slam_msgs/MocapMarker[] markers\n",
+    ),
 ];
 
 /// A type's own fields as ROS text, by its name `package/msg/Type`.

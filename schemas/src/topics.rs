@@ -20,6 +20,30 @@ pub const DEPTH: &str = "/camera/depth/image";
 /// Inertial measurements, [`crate::msg::Imu`].
 pub const IMU: &str = "/camera/imu";
 
+/// What a motion capture system said, [`crate::msg::MocapFrame`], one a frame, also when every body is occluded.
+pub const MOCAP: &str = "/mocap/frames";
+const MOCAP_BODY: &str = "/vicon/";
+
+/// The topic of one segment's poses, [`crate::msg::PoseStamped`] in [`frame::WORLD`], whichever system sees it; frames in
+/// which it is occluded have no message. Characters that no ROS name has become `_`; [`MOCAP`] has the names as they are.
+#[must_use]
+pub fn mocap_body(subject: &str, segment: &str) -> String {
+    format!("{MOCAP_BODY}{}/{}", ros_token(subject), ros_token(segment))
+}
+
+/// Subject and segment, as ROS names, of a topic that [`mocap_body`] made.
+#[must_use]
+pub fn mocap_body_of(topic: &str) -> Option<(&str, &str)> {
+    topic.strip_prefix(MOCAP_BODY)?.split_once('/').filter(|(_, segment)| !segment.contains('/'))
+}
+
+/// The nearest ROS name token (letter first, then letters, digits, `_`).
+fn ros_token(text: &str) -> String {
+    let known = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
+    let token: String = text.chars().map(known).collect();
+    if token.starts_with(|c: char| c.is_ascii_alphabetic()) { token } else { format!("m{token}") }
+}
+
 /// Names in `frame_id`.
 pub mod frame {
     /// The ground truth's fixed frame.
@@ -79,7 +103,8 @@ pub fn layer_of(topic: &str) -> Option<&str> {
 #[must_use]
 pub fn schema_name(topic: &str) -> Option<&'static str> {
     use crate::msg::{
-        CameraInfo, CategoryTable, CompressedImage, Image, Imu, LabelInfo, PoseStamped, SegmentTable, TFMessage,
+        CameraInfo, CategoryTable, CompressedImage, Image, Imu, LabelInfo, MocapFrame, PoseStamped, SegmentTable,
+        TFMessage,
     };
     match topic {
         GROUND_TRUTH => Some(PoseStamped::SCHEMA_NAME),
@@ -88,6 +113,8 @@ pub fn schema_name(topic: &str) -> Option<&'static str> {
         COLOR => Some(CompressedImage::SCHEMA_NAME),
         DEPTH => Some(Image::SCHEMA_NAME),
         IMU => Some(Imu::SCHEMA_NAME),
+        MOCAP => Some(MocapFrame::SCHEMA_NAME),
+        _ if mocap_body_of(topic).is_some() => Some(PoseStamped::SCHEMA_NAME),
         _ => {
             let leaf = layer_of(topic).and_then(|_| topic.rsplit('/').next())?;
             Some(match leaf {
@@ -114,5 +141,15 @@ mod tests {
         assert_eq!(layer_of(COLOR), None);
         assert_eq!(layer_of("/segmentation/exact/other"), None);
         assert!(is_layer_name("panoptic_2") && !is_layer_name("a/b") && !is_layer_name("") && !is_layer_name("2a"));
+    }
+
+    #[test]
+    fn bodies_have_topics_with_ros_names() {
+        let topic = mocap_body("Quad 4-b", "1é");
+        assert_eq!(topic, "/vicon/Quad_4_b/m1_");
+        assert_eq!(mocap_body_of(&topic), Some(("Quad_4_b", "m1_")));
+        assert_eq!(schema_name(&topic), Some("geometry_msgs/msg/PoseStamped"));
+        assert_eq!(mocap_body_of("/vicon/a/b/c"), None);
+        assert_eq!(mocap_body_of(MOCAP), None);
     }
 }

@@ -193,6 +193,24 @@ proptest! {
     }
 
     #[test]
+    fn mocap_round_trip(header in any_header(), subject in text(), number: i64, seconds: f64, none: bool) {
+        prop_assume!(!seconds.is_nan());
+        let body = MocapBody { subject: subject.clone(), occluded: none, quality: seconds, ..MocapBody::default() };
+        let marker = MocapMarker { name: subject.clone(), trajectory_id: 7, ..MocapMarker::default() };
+        let timecode = MocapTimecode { hours: 23, user_bits: 5, field_flag: 1, ..MocapTimecode::default() };
+        let frame = MocapFrame {
+            header,
+            frame_number: number,
+            latency: vec![MocapLatency { name: subject, seconds }],
+            timecode: if none { vec![] } else { vec![timecode] },
+            bodies: vec![body.clone(), body],
+            markers: vec![marker],
+            ..MocapFrame::default()
+        };
+        prop_assert_eq!(MocapFrame::decode(&frame.encode()).unwrap(), frame);
+    }
+
+    #[test]
     fn any_bytes_give_a_value_or_an_error(mut bytes in prop::collection::vec(any::<u8>(), 0..200), plain: bool) {
         if plain && bytes.len() >= 4 {
             bytes[0] = 0;
@@ -206,6 +224,7 @@ proptest! {
         let _ = LabelInfo::decode(&bytes);
         let _ = Imu::decode(&bytes);
         let _ = PoseStamped::decode(&bytes);
+        let _ = MocapFrame::decode(&bytes);
     }
 
     #[test]

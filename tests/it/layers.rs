@@ -13,7 +13,7 @@ const CRATES: [(&str, &str, &[&str]); 9] = [
     ("slam/optimize", "slam-optimize", &["slam-math"]),
     ("slam", "slam", &["slam-math", "slam-vision", "slam-optimize"]),
     ("fixtures", "fixtures", &["slam-math"]),
-    ("recorder", "recorder", &["schemas"]),
+    ("recorder", "recorder", &["schemas", "slam-math"]),
     ("replayer/rrd", "rrd", &[]),
     ("replayer", "replayer", &["schemas", "slam", "slam-math", "slam-vision", "rrd"]),
 ];
