@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use replayer::eval::{StampedPose, Trajectory};
 use replayer::inspect::{InspectError, Inspector};
-use slam::input::{Category, DepthImage, FrameInput, PanopticMask, Segment, Setup};
+use slam::input::{Category, DepthImage, FrameInput, PanopticMask, Segment, Sensor, Setup};
 use slam::{Config, Slam, Unobserved};
 use slam_math::{FrameId, Rng, Stamp};
 use slam_vision::{Camera, Distortion, GrayImage, Workspace};
@@ -27,7 +27,7 @@ fn setup() -> Setup {
         distortion: Distortion::None,
     };
     let category = |id, name: &str, is_thing| Category { id, name: name.to_owned(), is_thing };
-    Setup { camera, categories: vec![category(1, "person", true), category(2, "wall", false)] }
+    Setup { camera, sensor: Sensor::Rgbd, categories: vec![category(1, "person", true), category(2, "wall", false)] }
 }
 
 /// A wall of random bricks 2 m away that slides left by two pixels a frame, with a person on it and an unknown patch.
@@ -50,7 +50,14 @@ fn frame(index: u32) -> FrameInput {
     let segment = |id, category| Segment { id, category, score: 1.0 };
     let mask = PanopticMask { width: WIDTH, height: HEIGHT, ids, segments: vec![segment(1, 2), segment(2, 1)] };
     let stamp = Stamp(i64::from(index) * 33_333_333);
-    FrameInput { id: FrameId(index), stamp, gray, depth: Some(Arc::new(depth)), panoptic: Some(Arc::new(mask)) }
+    FrameInput {
+        id: FrameId(index),
+        stamp,
+        gray,
+        right: None,
+        depth: Some(Arc::new(depth)),
+        panoptic: Some(Arc::new(mask)),
+    }
 }
 
 fn write(path: &Path) -> Vec<u8> {

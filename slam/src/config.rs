@@ -54,8 +54,12 @@ sections! {
         seed: u64,
         /// ORB features.
         orb: OrbSection,
-        /// The depth sensor.
+        /// Where depth comes from, and the depth image.
         sensor: SensorConfig,
+        /// Depth from two pictures.
+        stereo: StereoConfig,
+        /// The start with one picture at a time.
+        monocular: MonocularConfig,
         /// Frame to map tracking.
         tracking: TrackingConfig,
         /// When a frame becomes a keyframe.
@@ -82,8 +86,10 @@ sections! {
         fast_threshold_min: u8,
     }
 
-    /// The depth sensor.
+    /// The sensor, and the depth image.
     SensorConfig {
+        /// What to use of what a log holds; read by whoever opens the log.
+        kind: SensorChoice,
         /// Virtual baseline times focal length, pixels x metres.
         bf: f64,
         /// Depth up to which a single view fixes a point, in virtual baselines.
@@ -100,6 +106,44 @@ sections! {
         depth_window_px: u32,
         /// Share of the depth that a slanted surface may change within the window.
         depth_step_share: f64,
+    }
+
+    /// Depth from two rectified pictures.
+    StereoConfig {
+        /// Hamming distance of a match along a row.
+        hamming: u32,
+        /// How far the rows of a match may differ on level 0, pixels.
+        row_px: f64,
+        /// Half side of the window that is compared for the last fraction of a pixel.
+        window_px: u32,
+        /// How far that window slides to either side, pixels.
+        slide_px: u32,
+        /// Matches whose windows differ by more than this times the median are dropped.
+        outlier_factor: f64,
+        /// Standard deviation of a disparity on level 0, pixels.
+        sigma_px: f64,
+    }
+
+    /// The start of a map without depth.
+    MonocularConfig {
+        /// Usable keypoints that both views must have, and matches between them.
+        min_matches: u32,
+        /// Search radius between the two views, pixels.
+        search_px: f64,
+        /// Best over second best distance.
+        ratio: f64,
+        /// RANSAC draws.
+        iterations: usize,
+        /// Standard deviation of a keypoint in the two-view geometry, pixels.
+        sigma_px: f64,
+        /// Angle between the rays that a good share of the points must have, degrees.
+        min_parallax_deg: f64,
+        /// Points that the first map must have.
+        min_points: u32,
+        /// Camera motion over median depth below which two keyframes make no points.
+        min_baseline_share: f64,
+        /// Weight (observations) that a young point needs.
+        min_weight: u32,
     }
 
     /// Frame to map tracking.
@@ -263,6 +307,20 @@ sections! {
     }
 }
 
+/// What to use of what a log holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SensorChoice {
+    /// Depth images if there are any, else a second picture if there is one, else one picture.
+    Auto,
+    /// Depth images.
+    Rgbd,
+    /// Two pictures.
+    Stereo,
+    /// One picture.
+    Monocular,
+}
+
 /// How motion is judged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -349,6 +407,15 @@ impl Config {
                     && self.sensor.depth_window_px as usize <= crate::observation::MAX_WINDOW,
                 "odd numbers up to 9",
             ),
+            ("stereo.sigma_px", self.stereo.sigma_px, self.stereo.sigma_px > 0.0, positive),
+            (
+                "stereo.window_px",
+                f64::from(self.stereo.window_px),
+                (1..=15).contains(&self.stereo.window_px),
+                "1 to 15",
+            ),
+            ("stereo.slide_px", f64::from(self.stereo.slide_px), (1..=15).contains(&self.stereo.slide_px), "1 to 15"),
+            ("monocular.sigma_px", self.monocular.sigma_px, self.monocular.sigma_px > 0.0, positive),
             ("orb.levels", self.orb.levels as f64, (2..=16).contains(&self.orb.levels), "2 to 16"),
             ("tracking.ratio", self.tracking.ratio, self.tracking.ratio > 0.0 && self.tracking.ratio <= 1.0, "(0, 1]"),
             (
@@ -370,12 +437,6 @@ impl SensorConfig {
     #[must_use]
     pub fn depth_sigma(&self, depth_m: f64) -> f64 {
         self.sigma_base_m + self.sigma_quadratic * depth_m * depth_m
-    }
-
-    /// Depth up to which a single view fixes a point, metres.
-    #[must_use]
-    pub fn close_m(&self, fx: f64) -> f64 {
-        self.close_baselines * self.bf / fx
     }
 }
 

@@ -6,7 +6,7 @@ use slam_optimize::{DepthCamera, Measurement, Pinhole};
 use slam_vision::Camera;
 
 use crate::config::Config;
-use crate::input::{Category, Setup};
+use crate::input::{Category, Sensor, Setup};
 use crate::observation::Observation;
 
 /// 95 % of chi-square with 2 degrees of freedom: a pixel.
@@ -19,8 +19,13 @@ pub const CHI2_3: f64 = 7.815;
 pub struct Context {
     /// The constants.
     pub config: Config,
-    /// The colour camera.
+    /// The camera.
     pub camera: Camera,
+    /// Where depth comes from.
+    pub sensor: Sensor,
+    /// Baseline times focal length, metres x pixels: of a stereo camera its own, else the virtual one that turns depth
+    /// into a disparity.
+    pub bf: f64,
     /// Its undistorted pinhole.
     pub pinhole: Pinhole,
     /// The label set, sorted by id.
@@ -37,18 +42,21 @@ impl Context {
     /// Builds the tables.
     #[must_use]
     pub fn new(config: &Config, setup: &Setup, scales: &[f64]) -> Self {
-        let camera = setup.camera;
+        let (camera, sensor) = (setup.camera, setup.sensor);
+        let bf = if let Sensor::Stereo { bf } = sensor { bf } else { config.sensor.bf };
         let mut categories = setup.categories.clone();
         categories.sort_by_key(|c| c.id);
         let is_person = |c: &&Category| config.panoptic.people_names.contains(&c.name);
         Self {
             config: config.clone(),
             camera,
+            sensor,
+            bf,
             pinhole: Pinhole { fx: camera.fx, fy: camera.fy, cx: camera.cx, cy: camera.cy },
             people: categories.iter().filter(is_person).map(|c| c.id).collect(),
             categories,
             scales: scales.to_vec(),
-            close_m: config.sensor.close_m(camera.fx),
+            close_m: config.sensor.close_baselines * bf / camera.fx,
         }
     }
 
@@ -58,18 +66,41 @@ impl Context {
         self.categories.binary_search_by_key(&category, |c| c.id).map_or(true, |i| self.categories[i].is_thing)
     }
 
+    /// True when lengths have no unit, so that no distance in metres means anything.
+    #[must_use]
+    pub fn is_monocular(&self) -> bool {
+        self.sensor == Sensor::Monocular
+    }
+
+    /// Standard deviation of a depth measured on pyramid level 0, metres.
+    #[must_use]
+    pub fn depth_sigma(&self, depth_m: f64) -> f64 {
+        match self.sensor {
+            Sensor::Stereo { bf } => depth_m * depth_m / bf * self.config.stereo.sigma_px,
+            Sensor::Rgbd | Sensor::Monocular => self.config.sensor.depth_sigma(depth_m),
+        }
+    }
+
+    /// Standard deviation of the disparity `bf / z` of a depth, pixels. A stereo match is as fine as the pixels of the
+    /// level it was made on.
+    fn disparity_sigma(&self, depth_m: f64, scale: f64) -> f64 {
+        match self.sensor {
+            Sensor::Stereo { .. } => self.config.stereo.sigma_px * scale,
+            Sensor::Rgbd | Sensor::Monocular => self.bf * self.depth_sigma(depth_m) / (depth_m * depth_m),
+        }
+    }
+
     /// Keypoint `i` as the optimisers want it: pixel noise grows with the pyramid level, depth noise with the sensor's
     /// model (as noise of the disparity `bf / z`).
     #[must_use]
     pub fn measurement(&self, obs: &Observation, i: usize) -> Measurement {
         let scale = self.scales[usize::from(obs.octave[i])];
         let pixel = obs.pixel[i];
-        let bf = self.config.sensor.bf;
         let depth = obs.depth(i);
-        let disparity_sigma = depth.map_or(1.0, |z| bf * self.config.sensor.depth_sigma(z) / (z * z));
+        let disparity_sigma = depth.map_or(1.0, |z| self.disparity_sigma(z, scale));
         Measurement {
             pixel,
-            disparity: depth.map(|z| bf / z),
+            disparity: depth.map(|z| self.bf / z),
             weight: 1.0 / (scale * scale),
             weight_disparity: 1.0 / (disparity_sigma * disparity_sigma),
         }
@@ -80,7 +111,7 @@ impl Context {
     pub fn fits(&self, obs: &Observation, i: usize, in_camera: &Vector3<f64>) -> bool {
         let m = self.measurement(obs, i);
         let limit = if m.disparity.is_some() { CHI2_3 } else { CHI2_2 };
-        let camera = DepthCamera { pinhole: self.pinhole, bf: self.config.sensor.bf };
+        let camera = DepthCamera { pinhole: self.pinhole, bf: self.bf };
         camera.chi2(in_camera, &m).is_some_and(|chi2| chi2 <= limit)
     }
 

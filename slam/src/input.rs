@@ -82,11 +82,40 @@ pub struct Category {
     pub is_thing: bool,
 }
 
+/// What the camera is made of, and with it where depth comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Sensor {
+    /// A depth image registered to the picture.
+    #[default]
+    Rgbd,
+    /// A second camera to the right; both pictures are rectified, so that a point lies on one row in both.
+    Stereo {
+        /// Baseline times focal length, metres x pixels.
+        bf: f64,
+    },
+    /// The picture alone: lengths are known up to one factor, which the first map chooses.
+    Monocular,
+}
+
+impl Sensor {
+    /// Name for tables and records.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Rgbd => "rgbd",
+            Self::Stereo { .. } => "stereo",
+            Self::Monocular => "monocular",
+        }
+    }
+}
+
 /// What is known before the first frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Setup {
-    /// Intrinsics of the colour camera.
+    /// Intrinsics of the camera; of a stereo camera those of the rectified left picture.
     pub camera: Camera,
+    /// Where depth comes from.
+    pub sensor: Sensor,
     /// The label set of the segmentation; empty when there is none.
     pub categories: Vec<Category>,
 }
@@ -98,8 +127,10 @@ pub struct FrameInput {
     pub id: FrameId,
     /// Sensor time.
     pub stamp: Stamp,
-    /// Grey picture.
+    /// Grey picture; of a stereo camera the left one, rectified.
     pub gray: GrayImage,
+    /// The rectified right picture of a stereo camera.
+    pub right: Option<GrayImage>,
     /// Depth, when the frame has one.
     pub depth: Option<Arc<DepthImage>>,
     /// Segmentation, when the frame has one.

@@ -4,12 +4,12 @@
 //! each, the same bits on any x86-64 CPU and for any number of threads. It reads no clock, no environment and no file.
 //!
 //! ```
-//! use slam::{Config, Setup, Slam};
+//! use slam::{Config, Sensor, Setup, Slam};
 //! use slam_vision::{Camera, Distortion};
 //!
 //! let camera =
 //!     Camera { fx: 525.0, fy: 525.0, cx: 320.0, cy: 240.0, width: 640, height: 480, distortion: Distortion::None };
-//! let slam = Slam::new(&Config::default(), &Setup { camera, categories: Vec::new() }).unwrap();
+//! let slam = Slam::new(&Config::default(), &Setup { camera, sensor: Sensor::Rgbd, categories: vec![] }).unwrap();
 //! assert_eq!(slam.map().keyframe_count(), 0);
 //! ```
 //!
@@ -29,6 +29,6 @@ pub mod report;
 pub mod tracking;
 
 pub use config::{Config, ConfigError};
-pub use input::{Category, DepthImage, FrameInput, PanopticMask, Segment, Setup};
+pub use input::{Category, DepthImage, FrameInput, PanopticMask, Segment, Sensor, Setup};
 pub use pipeline::{FrontEnd, Observer, Slam, SlamError, TrajectoryPose, Unobserved, Work};
 pub use report::FrameReport;

@@ -31,13 +31,20 @@ impl Observation {
     /// Reads depth and labels at the features of a frame.
     #[must_use]
     pub fn new(features: Features, input: &FrameInput, camera: &Camera, sensor: &SensorConfig) -> Self {
+        let depth_of = |pixel: &[f32; 2]| {
+            let depth = input.depth.as_deref()?;
+            depth_at_corner(depth, pixel.map(f64::from), sensor)
+        };
+        let depth_m = features.pixel.iter().map(|pixel| depth_of(pixel).unwrap_or(0.0)).collect();
+        Self::with_depth(features, depth_m, input.panoptic.as_deref(), camera)
+    }
+
+    /// The same with depth that is known already, metres, 0 = none.
+    #[must_use]
+    pub fn with_depth(features: Features, depth_m: Vec<f64>, mask: Option<&PanopticMask>, camera: &Camera) -> Self {
         let raw_pixel: Vec<[f64; 2]> = features.pixel.iter().map(|p| p.map(f64::from)).collect();
         let pixel: Vec<[f64; 2]> = raw_pixel.iter().map(|p| camera.undistort(*p)).collect();
-        let depth_m = raw_pixel
-            .iter()
-            .map(|p| input.depth.as_deref().and_then(|depth| depth_at_corner(depth, *p, sensor)).unwrap_or(0.0))
-            .collect();
-        let label = raw_pixel.iter().map(|p| label_at(input.panoptic.as_deref(), *p)).collect();
+        let label = raw_pixel.iter().map(|p| label_at(mask, *p)).collect();
         let grid = KeypointGrid::build(&pixel, camera.undistorted_bounds());
         Self {
             raw_pixel,

@@ -5,7 +5,9 @@ use std::sync::Arc;
 
 use replayer::log::{DecodedFrame, Log, MaskPixels, decode};
 use schemas::calibration::Distortion as Lens;
-use slam::{Category, Config, DepthImage, FrameInput, FrameReport, PanopticMask, Segment, Setup, Slam, Unobserved};
+use slam::{
+    Category, Config, DepthImage, FrameInput, FrameReport, PanopticMask, Segment, Sensor, Setup, Slam, Unobserved,
+};
 use slam_math::{FrameId, Stamp};
 use slam_vision::{Camera, Distortion, Workspace, gray_from_rgb};
 
@@ -27,7 +29,7 @@ pub fn for_each_report(log: &Path, config: &Config, each: Each<'_>) -> Result<()
     };
     let (size, [fx, fy, cx, cy]) = ((model.width, model.height), [model.fx, model.fy, model.cx, model.cy]);
     let camera = Camera { fx, fy, cx, cy, width: size.0, height: size.1, distortion };
-    let mut slam = Slam::new(config, &Setup { camera, categories })?;
+    let mut slam = Slam::new(config, &Setup { camera, sensor: Sensor::Rgbd, categories })?;
     let mut workspace = Workspace::default();
     for raw in timeline.stream(0..timeline.frames().len())? {
         let frame = decode(&raw?, &model)?;
@@ -51,6 +53,7 @@ fn input(frame: DecodedFrame) -> Result<FrameInput> {
         id: FrameId::from(frame.index),
         stamp: Stamp(frame.stamp.0),
         gray: gray_from_rgb(&frame.rgb.data, width, height)?,
+        right: None,
         depth: depth.map(Arc::new),
         panoptic: frame.mask.map(|mask| Arc::new(panoptic(mask, width, height))),
     })

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use schemas::calibration::{self, CameraModel};
 use slam::report::Event;
-use slam::{Category, Config, DepthImage, FrameInput, PanopticMask, Segment, Setup};
+use slam::{Category, Config, DepthImage, FrameInput, PanopticMask, Segment, Sensor, Setup};
 use slam_math::{FrameId, Stamp};
 use slam_vision::{Camera, Distortion, gray_from_rgb};
 
@@ -42,7 +42,7 @@ impl Source {
         }
         Ok(Self {
             category_ids: categories.iter().map(|c| c.id).collect(),
-            setup: Setup { camera: slam_camera(&camera), categories },
+            setup: Setup { camera: slam_camera(&camera), sensor: Sensor::Rgbd, categories },
             config: config.clone(),
             log,
             timeline,
@@ -89,6 +89,7 @@ impl Source {
             id: FrameId((index - self.range.start) as u32),
             stamp: Stamp(stamp.0),
             gray: gray_from_rgb(&rgb.data, width, height)?,
+            right: None,
             depth: depth.map(Arc::new),
             panoptic: mask.map(|mask| Arc::new(panoptic(mask, width, height))),
         };

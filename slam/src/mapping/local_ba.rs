@@ -70,7 +70,7 @@ fn collect(ctx: &Context, map: &Map, id: KeyFrameId) -> Option<Window> {
     });
     let problem = BaProblem {
         camera: ctx.pinhole,
-        bf: ctx.config.sensor.bf,
+        bf: ctx.bf,
         poses: poses.collect(),
         points: points.iter().filter_map(|id| map.point(*id).map(|p| p.position)).collect(),
         observations: observations(ctx, map, &keyframes, moving_count, &points),

@@ -21,7 +21,7 @@ pub(super) fn triangulate_with_neighbours(
 ) -> u32 {
     let Some(keyframe) = editor.map().keyframe(id) else { return 0 };
     let neighbours: Vec<KeyFrameId> = keyframe.best_covisible(ctx.config.mapping.neighbours).collect();
-    let min_baseline = ctx.config.sensor.bf / ctx.pinhole.fx;
+    let min_baseline = ctx.bf / ctx.pinhole.fx;
     let mut created = 0;
     for neighbour in neighbours {
         let map = editor.map();
@@ -115,7 +115,7 @@ fn make_point(ctx: &Context, a: &KeyFrame, i: usize, b: &KeyFrame, j: usize) -> 
     let views = [(a, i), (b, j)];
     let rays = views.map(|(k, i)| k.camera_from_world.rotation.transpose() * ctx.camera.unproject(k.obs.pixel[i], 1.0));
     let cos_rays = rays[0].dot(&rays[1]) / (rays[0].norm() * rays[1].norm());
-    let half_baseline = ctx.config.sensor.bf / ctx.pinhole.fx / 2.0;
+    let half_baseline = ctx.bf / ctx.pinhole.fx / 2.0;
     // cos(2 atan(x)) = (1 - x^2) / (1 + x^2)
     let cos_depth = views.map(|(k, i)| {
         k.obs.depth(i).map_or(2.0, |z| {

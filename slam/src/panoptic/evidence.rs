@@ -161,7 +161,7 @@ fn compare(ctx: &Context, then: &Remembered, in_world: &Vector3<f64>) -> Option<
     let raw = ctx.camera.distort(pixel);
     let (cx, cy) = (round_to_pixel(raw[0]), round_to_pixel(raw[1]));
     let m = &ctx.config.panoptic.motion;
-    let margin = m.free_space_m + m.free_space_sigmas * ctx.config.sensor.depth_sigma(expected);
+    let margin = m.free_space_m + m.free_space_sigmas * ctx.depth_sigma(expected);
     let (mut measured, mut farther) = (0, 0);
     for y in cy - WINDOW..=cy + WINDOW {
         for x in cx - WINDOW..=cx + WINDOW {
@@ -210,7 +210,7 @@ fn keypoint_residual(
     let (dx, dy) = (then.obs.pixel[j][0] - pixel[0], then.obs.pixel[j][1] - pixel[1]);
     let mut chi2 = (dx * dx + dy * dy) / (2.0 * sigma_px * sigma_px);
     if let Some(z) = then.obs.depth(j) {
-        let sigma = ctx.config.sensor.depth_sigma(z);
+        let sigma = ctx.depth_sigma(z);
         chi2 += (z - expected) * (z - expected) / (2.0 * sigma * sigma);
     }
     Some(chi2.sqrt())

@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use slam_vision::{OrbExtractor, Workspace};
+use slam_vision::{OrbExtractor, StereoOptions, Workspace};
 
 use super::SlamError;
 use crate::config::Config;
 use crate::context::Context;
-use crate::input::{FrameInput, Setup};
+use crate::input::{FrameInput, Sensor, Setup};
 use crate::observation::Observation;
 
 /// Turns frames into observations. Cheap to clone, shared by threads.
@@ -38,14 +38,36 @@ impl FrontEnd {
     pub fn observe(&self, input: &FrameInput, workspace: &mut Workspace) -> Result<Observation, SlamError> {
         let gray = &input.gray;
         self.check_size(input, "picture", gray.width, gray.height, gray.data.len())?;
+        if let Some(right) = &input.right {
+            self.check_size(input, "right picture", right.width, right.height, right.data.len())?;
+        }
         if let Some(depth) = &input.depth {
             self.check_size(input, "depth image", depth.width, depth.height, depth.units.len())?;
         }
         if let Some(mask) = &input.panoptic {
             self.check_size(input, "panoptic mask", mask.width, mask.height, mask.ids.len())?;
         }
-        let features = self.extractor.extract_with(&input.gray, workspace);
-        Ok(Observation::new(features, input, &self.ctx.camera, &self.ctx.config.sensor))
+        let camera = &self.ctx.camera;
+        let (Sensor::Stereo { bf }, Some(right)) = (self.ctx.sensor, &input.right) else {
+            let features = self.extractor.extract_with(&input.gray, workspace);
+            return Ok(Observation::new(features, input, camera, &self.ctx.config.sensor));
+        };
+        let (features, disparity) = self.extractor.extract_pair(gray, right, &self.stereo_options(), workspace);
+        let depth_m = disparity.iter().map(|d| d.map_or(0.0, |d| bf / d)).collect();
+        Ok(Observation::with_depth(features, depth_m, input.panoptic.as_deref(), camera))
+    }
+
+    fn stereo_options(&self) -> StereoOptions {
+        let s = &self.ctx.config.stereo;
+        StereoOptions {
+            hamming: s.hamming,
+            row_px: s.row_px,
+            window_px: s.window_px as usize,
+            slide_px: s.slide_px as usize,
+            outlier_factor: s.outlier_factor,
+            // Nothing is nearer than the two cameras are to each other.
+            max_disparity_px: self.ctx.camera.fx,
+        }
     }
 
     fn check_size(

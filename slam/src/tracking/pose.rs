@@ -20,7 +20,7 @@ pub fn refine_pose(ctx: &Context, map: &Map, frame: &mut TrackedFrame) -> u32 {
     if observations.len() < 3 {
         return 0;
     }
-    let bf = ctx.config.sensor.bf;
+    let bf = ctx.bf;
     let result = optimize_pose(&ctx.pinhole, bf, &observations, &frame.camera_from_world, &PoseOptions::default());
     for (i, inlier) in indices.iter().zip(&result.inlier) {
         if !inlier {

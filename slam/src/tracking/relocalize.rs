@@ -95,6 +95,6 @@ fn try_keyframe(ctx: &Context, map: &Map, keyframe: &KeyFrame, frame: &mut Track
 /// the map point has its own.
 fn point_sigma(ctx: &Context, z: f64, octave: u8) -> f64 {
     let across = z / ctx.pinhole.fx * ctx.scales[usize::from(octave)];
-    let along = ctx.config.sensor.depth_sigma(z);
+    let along = ctx.depth_sigma(z);
     2.0 * (across * across + along * along).sqrt()
 }

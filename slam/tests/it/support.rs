@@ -6,7 +6,8 @@ use fixtures::{Intrinsics, RenderedFrame, World, WorldConfig};
 use slam::context::Context;
 use slam::observation::Observation;
 use slam::{
-    Category, Config, DepthImage, FrameInput, FrameReport, PanopticMask, Segment, Setup, Slam, SlamError, Unobserved,
+    Category, Config, DepthImage, FrameInput, FrameReport, PanopticMask, Segment, Sensor, Setup, Slam, SlamError,
+    Unobserved,
 };
 use slam_math::{FrameId, Rng, Stamp};
 use slam_vision::{Camera, Descriptor, Distortion, Features, GrayImage, KeypointGrid, Workspace, gray_from_rgb};
@@ -32,7 +33,7 @@ pub fn category(id: u16, name: &str, is_thing: bool) -> Category {
 
 pub fn setup() -> Setup {
     let categories = fixtures::categories().iter().map(|c| category(c.id, c.name, c.is_thing)).collect();
-    Setup { camera: camera(), categories }
+    Setup { camera: camera(), sensor: Sensor::Rgbd, categories }
 }
 
 pub fn context(config: &Config) -> Context {
@@ -75,7 +76,14 @@ pub fn features(pixels: &[[f32; 2]]) -> Features {
 /// A frame without depth and mask.
 pub fn blank(id: u32, grey: u8) -> FrameInput {
     let gray = GrayImage::new(WIDTH, HEIGHT, grey);
-    FrameInput { id: FrameId(id), stamp: Stamp(i64::from(id) * 33_000_000), gray, depth: None, panoptic: None }
+    FrameInput {
+        id: FrameId(id),
+        stamp: Stamp(i64::from(id) * 33_000_000),
+        gray,
+        right: None,
+        depth: None,
+        panoptic: None,
+    }
 }
 
 /// Depth in millimetres.
@@ -107,6 +115,7 @@ pub fn input_of(frame: &RenderedFrame, id: u32) -> FrameInput {
         id: FrameId(id),
         stamp: Stamp(frame.stamp_ns),
         gray: gray_from_rgb(&frame.rgb, WIDTH, HEIGHT).unwrap(),
+        right: None,
         depth: Some(depth(frame.depth_units.clone())),
         panoptic: Some(mask(frame.panoptic.ids.clone(), &segments)),
     }

@@ -29,6 +29,7 @@ mod image;
 mod kernels;
 mod orb;
 mod place;
+mod stereo;
 
 pub use camera::{Bounds, Camera, Distortion};
 pub use descriptor::{Descriptor, hamming, hamming_at, hamming_many};
@@ -38,3 +39,4 @@ pub use image::{GrayImage, Image, gray_from_rgb};
 pub use kernels::Kernels;
 pub use orb::{Features, OrbConfig, OrbExtractor, Workspace};
 pub use place::PlaceIndex;
+pub use stereo::StereoOptions;

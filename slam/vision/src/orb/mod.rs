@@ -15,9 +15,10 @@ pub use config::OrbConfig;
 pub(crate) use pattern::PAIRS;
 
 use crate::kernels::{Moments, PATCH_MARGIN};
+use crate::stereo::{self, StereoOptions};
 use crate::{Descriptor, GrayImage, Kernels, VisionError};
 use corners::Corner;
-use pyramid::Pyramid;
+pub(crate) use pyramid::Pyramid;
 
 /// The features of an image; entry `i` of every list belongs to keypoint `i`. Sorted by octave, then y, then x.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -60,6 +61,8 @@ pub struct Workspace {
     centers: Vec<usize>,
     moments: Vec<Moments>,
     turns: Vec<[f32; 2]>,
+    /// Of the left picture, while the right one is in work.
+    left_pyramid: Pyramid,
 }
 
 /// Finds and describes keypoints.
@@ -126,6 +129,28 @@ impl OrbExtractor {
         }
         workspace.pyramid = pyramid;
         features
+    }
+
+    /// Features of the left picture of a rectified pair, and the disparity of each, pixels of the picture: by how much the
+    /// same thing lies farther left in the right picture. `None` without a sure match.
+    ///
+    /// Panics when a picture does not hold `width * height` values or the two differ in size.
+    #[must_use]
+    pub fn extract_pair(
+        &self,
+        left: &GrayImage,
+        right: &GrayImage,
+        options: &StereoOptions,
+        workspace: &mut Workspace,
+    ) -> (Features, Vec<Option<f64>>) {
+        assert_eq!((left.width, left.height), (right.width, right.height), "a rectified pair has one size");
+        let in_left = self.extract_with(left, workspace);
+        std::mem::swap(&mut workspace.pyramid, &mut workspace.left_pyramid);
+        let in_right = self.extract_with(right, workspace);
+        let left = stereo::View { features: &in_left, image: left, pyramid: &workspace.left_pyramid };
+        let right = stereo::View { features: &in_right, image: right, pyramid: &workspace.pyramid };
+        let disparity = stereo::match_rows(&left, &right, &self.scales, options);
+        (in_left, disparity)
     }
 
     /// Leaves the corners of a level, at most `quota`, in `workspace.corners`.

@@ -5,7 +5,7 @@ use crate::{GrayImage, Kernels};
 
 /// Levels 1 and up; level 0 is the image itself.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Pyramid {
+pub(crate) struct Pyramid {
     levels: Vec<GrayImage>,
     columns: Vec<Bilinear>,
     rows: Vec<Bilinear>,
@@ -13,6 +13,11 @@ pub(super) struct Pyramid {
 }
 
 impl Pyramid {
+    /// A level that was computed for this picture; level 0 is the picture itself.
+    pub fn computed<'a>(&'a self, base: &'a GrayImage, octave: usize) -> &'a GrayImage {
+        if octave == 0 { base } else { &self.levels[octave - 1] }
+    }
+
     /// Computes level `octave` (at least 1) from the level before it, which must have been asked for already.
     pub fn level(&mut self, kernels: Kernels, base: &GrayImage, octave: usize, scale: f64) -> &GrayImage {
         if self.levels.len() < octave {
