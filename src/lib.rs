@@ -7,6 +7,7 @@ pub mod cmd;
 mod exit;
 mod progress;
 mod stdout;
+pub mod suite;
 pub mod synthetic;
 
 use clap::Parser;

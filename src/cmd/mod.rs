@@ -11,6 +11,7 @@ mod info;
 mod recover;
 mod replay;
 mod run_folder;
+mod suite;
 mod verify;
 
 use crate::Outcome;
@@ -40,6 +41,8 @@ pub enum Command {
     Eval(eval::Eval),
     /// Measure how fast a replay is, stage by stage.
     Bench(bench::Bench),
+    /// Run many logs with several configurations and print the tables.
+    Suite(suite::Suite),
     /// Render a sequence with movers, replay it with and without the panoptic filter, show the difference.
     Demo(demo::Demo),
 }
@@ -61,6 +64,7 @@ impl Command {
             Self::Diff(command) => command.run(),
             Self::Eval(command) => command.run(),
             Self::Bench(command) => command.run(progress),
+            Self::Suite(command) => command.run(progress),
             Self::Demo(command) => command.run(progress),
         }
     }

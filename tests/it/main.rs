@@ -8,4 +8,5 @@ mod data;
 mod determinism;
 mod layers;
 mod repo_lint;
+mod suite;
 mod support;

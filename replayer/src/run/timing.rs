@@ -40,6 +40,17 @@ pub struct Timing {
     pub stages: Vec<StageTime>,
 }
 
+impl Timing {
+    /// Mean time of features, filter and tracking, milliseconds a frame: what the field calls tracking time. Decoding
+    /// and mapping stand apart.
+    #[must_use]
+    pub fn tracking_ms(&self) -> f64 {
+        let tracking = [Work::Label, Work::Predict, Work::Judge, Work::LocalMap].map(Work::name);
+        let counts = |stage: &str| stage == BEFORE[1] || tracking.contains(&stage);
+        self.stages.iter().filter(|s| counts(&s.stage)).map(|s| s.mean_ms).fold(0.0, |a, b| a + b)
+    }
+}
+
 impl fmt::Display for Timing {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{:<16}{:>10}{:>10}{:>10}{:>10}", "ms per frame", "mean", "p50", "p95", "p99")?;

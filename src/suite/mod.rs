@@ -1,0 +1,24 @@
+//! Many logs with several configurations, and the tables a paper shows of them.
+//!
+//! A suite file (TOML, see [`spec::Suite`]) names sequences, configurations, published figures and tables. Sequences that
+//! are not on this machine are said to be missing and left out; everything else is run once and tabulated.
+
+mod degrade;
+mod run;
+mod source;
+pub mod spec;
+mod table;
+
+pub use degrade::Degrade;
+pub use run::{Cell, Done, SequenceReport, SuiteReport, run};
+pub use source::scenarios;
+
+/// The suites that come with the program: name and text.
+pub const BUILT_IN: [(&str, &str); 6] = [
+    ("tum", include_str!("../../fixtures/suites/tum.toml")),
+    ("bonn", include_str!("../../fixtures/suites/bonn.toml")),
+    ("quadruped", include_str!("../../fixtures/suites/quadruped.toml")),
+    ("kitchens", include_str!("../../fixtures/suites/kitchens.toml")),
+    ("synthetic", include_str!("../../fixtures/suites/synthetic.toml")),
+    ("hard", include_str!("../../fixtures/suites/hard.toml")),
+];
