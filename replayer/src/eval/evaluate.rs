@@ -1,8 +1,8 @@
 use nalgebra::Vector3;
 use schemas::Stamp;
 use serde::{Deserialize, Serialize};
-use slam_math::Se3;
-use slam_math::align::{Similarity, umeyama};
+use slam_math::align::umeyama;
+use slam_math::{Se3, Sim3};
 
 use super::relative::relative_error;
 use super::{DeltaUnit, EvalError, RpeOptions, RpeResult, StampedPose, Statistics, Trajectory, associate};
@@ -156,10 +156,10 @@ pub fn evaluate(
     })
 }
 
-fn fit(truth: &[StampedPose], estimate: &[StampedPose], alignment: Alignment) -> Result<Similarity, EvalError> {
+fn fit(truth: &[StampedPose], estimate: &[StampedPose], alignment: Alignment) -> Result<Sim3, EvalError> {
     let positions = |poses: &[StampedPose]| poses.iter().map(|p| p.world_from_camera.translation).collect::<Vec<_>>();
     match alignment {
-        Alignment::None => Ok(Similarity { scale: 1.0, se3: Se3::identity() }),
+        Alignment::None => Ok(Sim3 { scale: 1.0, se3: Se3::identity() }),
         Alignment::Se3 | Alignment::Sim3 => {
             umeyama(&positions(estimate), &positions(truth), alignment == Alignment::Sim3)
                 .ok_or(EvalError::Degenerate { pairs: truth.len() })
@@ -167,7 +167,7 @@ fn fit(truth: &[StampedPose], estimate: &[StampedPose], alignment: Alignment) ->
     }
 }
 
-fn aligned(pose: &StampedPose, fit: &Similarity) -> StampedPose {
+fn aligned(pose: &StampedPose, fit: &Sim3) -> StampedPose {
     let world_from_camera = Se3 {
         rotation: fit.se3.rotation * pose.world_from_camera.rotation,
         translation: fit.transform(&pose.world_from_camera.translation),
@@ -212,7 +212,7 @@ mod tests {
         Trajectory { poses: (0..n).map(pose).collect() }
     }
 
-    fn moved(trajectory: &Trajectory, similarity: &Similarity) -> Trajectory {
+    fn moved(trajectory: &Trajectory, similarity: &Sim3) -> Trajectory {
         Trajectory { poses: trajectory.poses.iter().map(|p| aligned(p, similarity)).collect() }
     }
 
@@ -220,7 +220,7 @@ mod tests {
     fn alignment_removes_exactly_what_it_may() {
         let truth = curve(40);
         let se3 = Se3::exp(&Vector6::new(3.0, -2.0, 1.0, 0.4, 1.0, -0.3));
-        let estimate = moved(&truth, &Similarity { scale: 0.5, se3 });
+        let estimate = moved(&truth, &Sim3 { scale: 0.5, se3 });
         let error = |alignment| {
             evaluate(&truth, &estimate, None, &EvalOptions { alignment, ..EvalOptions::default() }).unwrap()
         };

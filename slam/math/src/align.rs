@@ -2,29 +2,12 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::Se3;
+use crate::{Se3, Sim3};
 
-/// `target = scale * rotation * source + translation`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Similarity {
-    /// 1 for a rigid fit.
-    pub scale: f64,
-    /// Rotation and translation.
-    pub se3: Se3,
-}
-
-impl Similarity {
-    /// A source point in the target frame.
-    #[must_use]
-    pub fn transform(&self, point: &Vector3<f64>) -> Vector3<f64> {
-        self.se3.rotation * point * self.scale + self.se3.translation
-    }
-}
-
-/// Least-squares fit of `target` by `source`, points paired by position. `None` when there are fewer than three pairs,
+/// Least-squares fit `target_from_source`, points paired by position; scale 1 unless asked for. `None` when there are fewer than three pairs,
 /// the points lie on one line (the rotation is then undetermined), or a number is not finite.
 #[must_use]
-pub fn umeyama(source: &[Vector3<f64>], target: &[Vector3<f64>], with_scale: bool) -> Option<Similarity> {
+pub fn umeyama(source: &[Vector3<f64>], target: &[Vector3<f64>], with_scale: bool) -> Option<Sim3> {
     let n = source.len();
     if n < 3 || n != target.len() {
         return None;
@@ -58,7 +41,7 @@ pub fn umeyama(source: &[Vector3<f64>], target: &[Vector3<f64>], with_scale: boo
     let rotation = u * Matrix3::from_diagonal(&sign) * v_t;
     let scale = if with_scale { svd.singular_values.dot(&sign) / source_variance } else { 1.0 };
     let translation = target_mean - rotation * source_mean * scale;
-    Some(Similarity { scale, se3: Se3 { rotation, translation } })
+    Some(Sim3 { scale, se3: Se3 { rotation, translation } })
 }
 
 #[cfg(test)]
@@ -71,7 +54,7 @@ mod tests {
     fn recovers_a_known_similarity() {
         let mut rng = Rng::at(3, 0, 0, 0);
         for with_scale in [false, true] {
-            let truth = Similarity {
+            let truth = Sim3 {
                 scale: if with_scale { 1.7 } else { 1.0 },
                 se3: Se3::exp(&Vector6::from_fn(|_, _| rng.uniform() * 2.0)),
             };

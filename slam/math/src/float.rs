@@ -45,6 +45,12 @@ pub fn exp(x: f64) -> f64 {
     libm::exp(x)
 }
 
+/// `e^x - 1`, exact near zero.
+#[must_use]
+pub fn exp_m1(x: f64) -> f64 {
+    libm::expm1(x)
+}
+
 /// Natural logarithm.
 #[must_use]
 pub fn ln(x: f64) -> f64 {

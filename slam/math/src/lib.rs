@@ -1,7 +1,8 @@
 //! Lowest room: numbers that come out the same on every x86-64 CPU.
 //!
 //! * [`float`]: the only way to transcendental functions (crate `libm`), and min/max with a fixed answer for signed zeros.
-//! * [`se3`]: rigid transforms `target_from_source`, exponential map, [`align`]: best rigid/similarity fit of point sets.
+//! * [`se3`], [`sim3`]: rigid transforms and similarities `target_from_source`, [`lie`]: what both have in common for
+//!   solvers, [`align`]: best fit of point sets.
 //! * [`id`]: stamps and identifiers in creation order, and the append-only [`id::IdVec`].
 //! * [`rng`]: random numbers by coordinates (seed, frame, stage, item), never a shared stream.
 //! * [`digest`]: canonical bytes and their xxh3-128.
@@ -11,11 +12,15 @@ pub mod align;
 pub mod digest;
 pub mod float;
 pub mod id;
+pub mod lie;
 pub mod par;
 pub mod rng;
 pub mod se3;
+pub mod sim3;
 
 pub use digest::{Digest, DigestWriter};
 pub use id::{FrameId, IdVec, KeyFrameId, MapId, MapPointId, Stamp};
+pub use lie::LieGroup;
 pub use rng::Rng;
 pub use se3::Se3;
+pub use sim3::Sim3;

@@ -22,6 +22,7 @@ mod levenberg;
 pub mod pose;
 mod ransac;
 pub mod robust;
+pub mod sparse;
 pub mod triangulate;
 
 pub use absolute::{AbsoluteOptions, absolute_orientation_ransac};
