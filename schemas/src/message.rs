@@ -148,6 +148,32 @@ const DEFINITIONS: &[(&str, &str)] = &[
          panoptic_slam_msgs/MocapLatency[] latency\npanoptic_slam_msgs/MocapTimecode[] timecode\n\
          panoptic_slam_msgs/MocapBody[] bodies\npanoptic_slam_msgs/MocapMarker[] markers\n",
     ),
+    (
+        "panoptic_slam_msgs/msg/FrameMetadata",
+        "std_msgs/Header header\nuint64 counter\nuint64 frame_number\nfloat64 timestamp_ms\nuint8 domain\n\
+         uint8 device_clock\nint64 device_time_us\nint64 device_time_ns\nint64 arrival_monotonic_ns\n\
+         int64 arrival_realtime_ns\nuint64 payload_bytes\nuint16[] attribute_ids\nint64[] attribute_values\n",
+    ),
+    (
+        "panoptic_slam_msgs/msg/Extrinsics",
+        "std_msgs/Header header\nstring child_frame_id\nfloat64[9] rotation\nfloat64[3] translation\n",
+    ),
+    (
+        "panoptic_slam_msgs/msg/MotionIntrinsics",
+        "std_msgs/Header header\nfloat64[12] data\nfloat64[3] noise_variances\nfloat64[3] bias_variances\n",
+    ),
+    (
+        "panoptic_slam_msgs/msg/DropRecord",
+        "std_msgs/Header header\nstring stream\nstring cause\nuint64 first_counter\nuint64 last_counter\nuint64 count\n",
+    ),
+    (
+        "panoptic_slam_msgs/msg/ClockPair",
+        "std_msgs/Header header\nint64 monotonic_ns\nint64 realtime_ns\nint64 step_ns\nint64 uncertainty_ns\n",
+    ),
+    (
+        "rcl_interfaces/msg/Log",
+        "builtin_interfaces/Time stamp\nuint8 level\nstring name\nstring msg\nstring file\nstring function\nuint32 line\n",
+    ),
 ];
 
 /// A type's own fields as ROS text, by its name `package/msg/Type`.

@@ -31,6 +31,21 @@ pub const IMPORT: &str = "pslam/import";
 /// Written by `recover`: what the damaged file had lost.
 pub const RECOVERY: &str = "pslam/recovery";
 
+/// How a live recording was made, written at its start. Its presence means that stamps follow the rule for recordings in
+/// [`crate::topics`]. Keys: `host_anchor_ns` (the host's timeline minus `CLOCK_MONOTONIC`, nanoseconds), `started` (host
+/// realtime, nanoseconds since 1970), `flush_interval_ns`, `encoding`, `clock` (whether the host says that its clock is
+/// synchronised), and `option/NAME` for what was asked for.
+pub const RECORDING: &str = "pslam/recording";
+/// The camera, at the start and again whenever something changed. Keys: `name`, `serial`, `firmware`, `usb`, `product_id`,
+/// `library`, `depth_metres_per_unit`, `profile/STREAM`, `distortion/STREAM` (the device's model and coefficients),
+/// `option/SENSOR/NAME`, `attribute/NUMBER` (name of a metadata value), and `anchor_ns/CONNECTION` (log timeline minus
+/// unwrapped device time).
+pub const DEVICE: &str = "pslam/device";
+/// How a recording ended, written last; without it the recording was interrupted. Keys: `verdict` (`complete` or
+/// `incomplete`), `reason`, `ended_by`, `duration_ns`, and for each stream `STREAM/written`, `STREAM/dropped_device`,
+/// `STREAM/dropped_host`.
+pub const VERDICT: &str = "pslam/verdict";
+
 /// Keys of a record under [`CHANNEL_PREFIX`].
 pub mod channel {
     /// Channel id in the file.

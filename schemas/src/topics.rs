@@ -1,7 +1,15 @@
 //! Which message stands on which topic, and the names of frames and units.
 //!
-//! Stamps: a message's log time and publish time are its header stamp. Masks carry the stamp of the colour picture they
-//! were made from. Messages stand in the file in order of log time; equal times in the order of this page.
+//! Stamps: a message's log time is its header stamp. Masks carry the stamp of the colour picture they were made from.
+//! In an imported or rendered log the publish time is the same and messages stand in the file in order of log time; equal
+//! times in the order of this page.
+//!
+//! In a live recording (one with [`crate::metadata::RECORDING`]) a stamp is the *device's* time put on the host's timeline
+//! by one constant a device and connection, so that spacing is the device's own; the host's timeline is its monotonic
+//! clock plus one constant, chosen so that it is the realtime clock at the start. No later step of the realtime clock
+//! moves a stamp. The publish time is the host's realtime clock at arrival. Messages stand in the file in order of
+//! arrival, so log times are only nearly sorted: a reader sorts. The raw clocks stand in [`crate::msg::FrameMetadata`] and
+//! [`crate::msg::MocapFrame`] and are never rewritten; what a later fit makes of them is a record of its own.
 
 use crate::Message;
 
@@ -19,6 +27,40 @@ pub const DEPTH_INFO: &str = "/camera/depth/camera_info";
 pub const DEPTH: &str = "/camera/depth/image";
 /// Inertial measurements, [`crate::msg::Imu`].
 pub const IMU: &str = "/camera/imu";
+/// Colour that no encoder could keep up with, [`crate::msg::Image`] `rgb8`; calibration on [`COLOR_INFO`]. A recording has
+/// either this or [`COLOR`].
+pub const COLOR_RAW: &str = "/camera/color/image";
+/// Depth as the camera measures it, in [`frame::DEPTH`] and not registered: [`crate::msg::Image`] `16UC1`, 0 = none. A
+/// reader registers it to colour with [`COLOR_INFO`], [`DEPTH_NATIVE_INFO`] and [`EXTRINSICS`].
+pub const DEPTH_NATIVE: &str = "/camera/depth/native/image";
+/// Calibration of the native depth image, [`crate::msg::CameraInfo`], one a picture.
+pub const DEPTH_NATIVE_INFO: &str = "/camera/depth/native/camera_info";
+/// Gyroscope alone, [`crate::msg::Imu`] without acceleration (first element of its covariance -1).
+pub const GYRO: &str = "/camera/gyro/sample";
+/// Calibration of the gyroscope, [`crate::msg::MotionIntrinsics`].
+pub const GYRO_INFO: &str = "/camera/gyro/imu_info";
+/// Accelerometer alone, [`crate::msg::Imu`] without angular velocity (first element of its covariance -1).
+pub const ACCEL: &str = "/camera/accel/sample";
+/// Calibration of the accelerometer, [`crate::msg::MotionIntrinsics`].
+pub const ACCEL_INFO: &str = "/camera/accel/imu_info";
+/// Clocks and metadata of each colour picture, [`crate::msg::FrameMetadata`] with the picture's stamp.
+pub const COLOR_METADATA: &str = "/camera/color/metadata";
+/// The same for native depth.
+pub const DEPTH_NATIVE_METADATA: &str = "/camera/depth/native/metadata";
+/// The same for the gyroscope.
+pub const GYRO_METADATA: &str = "/camera/gyro/metadata";
+/// The same for the accelerometer.
+pub const ACCEL_METADATA: &str = "/camera/accel/metadata";
+/// Where the camera's sensors are, [`crate::msg::Extrinsics`] in [`frame::CAMERA`], one a sensor, at the start and the end.
+pub const EXTRINSICS: &str = "/camera/extrinsics";
+/// The same as [`crate::msg::TFMessage`] edges, for viewers.
+pub const TF_STATIC: &str = "/tf_static";
+/// Every loss, [`crate::msg::DropRecord`].
+pub const DROPS: &str = "/recording/drops";
+/// The host's clocks once a second, [`crate::msg::ClockPair`].
+pub const CLOCK: &str = "/recording/clock";
+/// What happened, [`crate::msg::LogEntry`].
+pub const EVENTS: &str = "/recording/events";
 
 /// What a motion capture system said, [`crate::msg::MocapFrame`], one a frame, also when every body is occluded.
 pub const MOCAP: &str = "/mocap/frames";
@@ -50,6 +92,12 @@ pub mod frame {
     pub const WORLD: &str = "world";
     /// The colour camera: x right, y down, z forward. Registered depth and masks stand in it too.
     pub const CAMERA: &str = "camera_color_optical_frame";
+    /// The left imager of the depth camera, in which native depth stands; axes as those of [`CAMERA`].
+    pub const DEPTH: &str = "camera_depth_optical_frame";
+    /// The gyroscope, axes as those of [`CAMERA`].
+    pub const GYRO: &str = "camera_gyro_optical_frame";
+    /// The accelerometer, axes as those of [`CAMERA`].
+    pub const ACCEL: &str = "camera_accel_optical_frame";
 }
 
 /// The layer that the SLAM reads unless told otherwise.
@@ -103,16 +151,22 @@ pub fn layer_of(topic: &str) -> Option<&str> {
 #[must_use]
 pub fn schema_name(topic: &str) -> Option<&'static str> {
     use crate::msg::{
-        CameraInfo, CategoryTable, CompressedImage, Image, Imu, LabelInfo, MocapFrame, PoseStamped, SegmentTable,
-        TFMessage,
+        CameraInfo, CategoryTable, ClockPair, CompressedImage, DropRecord, Extrinsics, FrameMetadata, Image, Imu,
+        LabelInfo, LogEntry, MocapFrame, MotionIntrinsics, PoseStamped, SegmentTable, TFMessage,
     };
     match topic {
         GROUND_TRUTH => Some(PoseStamped::SCHEMA_NAME),
-        TF => Some(TFMessage::SCHEMA_NAME),
-        COLOR_INFO | DEPTH_INFO => Some(CameraInfo::SCHEMA_NAME),
+        TF | TF_STATIC => Some(TFMessage::SCHEMA_NAME),
+        COLOR_INFO | DEPTH_INFO | DEPTH_NATIVE_INFO => Some(CameraInfo::SCHEMA_NAME),
         COLOR => Some(CompressedImage::SCHEMA_NAME),
-        DEPTH => Some(Image::SCHEMA_NAME),
-        IMU => Some(Imu::SCHEMA_NAME),
+        DEPTH | DEPTH_NATIVE | COLOR_RAW => Some(Image::SCHEMA_NAME),
+        IMU | GYRO | ACCEL => Some(Imu::SCHEMA_NAME),
+        GYRO_INFO | ACCEL_INFO => Some(MotionIntrinsics::SCHEMA_NAME),
+        COLOR_METADATA | DEPTH_NATIVE_METADATA | GYRO_METADATA | ACCEL_METADATA => Some(FrameMetadata::SCHEMA_NAME),
+        EXTRINSICS => Some(Extrinsics::SCHEMA_NAME),
+        DROPS => Some(DropRecord::SCHEMA_NAME),
+        CLOCK => Some(ClockPair::SCHEMA_NAME),
+        EVENTS => Some(LogEntry::SCHEMA_NAME),
         MOCAP => Some(MocapFrame::SCHEMA_NAME),
         _ if mocap_body_of(topic).is_some() => Some(PoseStamped::SCHEMA_NAME),
         _ => {
@@ -125,6 +179,12 @@ pub fn schema_name(topic: &str) -> Option<&'static str> {
             })
         }
     }
+}
+
+/// Whether a message type begins with a `std_msgs/Header`, whose stamp is then the message's; the others' is the log time.
+#[must_use]
+pub fn has_header(schema_name: &str) -> bool {
+    crate::definition(schema_name).is_some_and(|text| text.starts_with("std_msgs/Header "))
 }
 
 #[cfg(test)]
@@ -140,6 +200,8 @@ mod tests {
         }
         assert_eq!(layer_of(COLOR), None);
         assert_eq!(layer_of("/segmentation/exact/other"), None);
+        assert!(has_header(crate::msg::FrameMetadata::SCHEMA_NAME));
+        assert!(!has_header(crate::msg::LogEntry::SCHEMA_NAME) && !has_header(crate::msg::TFMessage::SCHEMA_NAME));
         assert!(is_layer_name("panoptic_2") && !is_layer_name("a/b") && !is_layer_name("") && !is_layer_name("2a"));
     }
 

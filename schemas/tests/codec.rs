@@ -234,3 +234,29 @@ proptest! {
         prop_assert!(CameraInfo::decode(&bytes[..cut]).is_err());
     }
 }
+
+#[test]
+fn recording_messages_round_trip() {
+    let metadata = FrameMetadata {
+        header: header("camera_depth_optical_frame"),
+        counter: u64::MAX,
+        frame_number: 3,
+        timestamp_ms: 1.5,
+        domain: domain::GLOBAL_TIME,
+        device_clock: device_clock::SENSOR_TIMESTAMP,
+        device_time_us: 4_294_967_295,
+        device_time_ns: NOT_TOLD,
+        arrival_monotonic_ns: 5,
+        arrival_realtime_ns: i64::MAX,
+        payload_bytes: 614_400,
+        attribute_ids: vec![0, 2, 44],
+        attribute_values: vec![7, i64::MIN, -1],
+    };
+    assert_eq!(FrameMetadata::decode(&metadata.encode()).unwrap(), metadata);
+    let drops = DropRecord { stream: "color".to_owned(), cause: "queue".to_owned(), count: 2, ..DropRecord::default() };
+    assert_eq!(DropRecord::decode(&drops.encode()).unwrap(), drops);
+    let entry = LogEntry { level: level::ERROR, name: "camera.lost".to_owned(), ..LogEntry::default() };
+    assert_eq!(LogEntry::decode(&entry.encode()).unwrap(), entry);
+    let pair = ClockPair { monotonic_ns: 1, step_ns: -1_000_000_000, ..ClockPair::default() };
+    assert_eq!(ClockPair::decode(&pair.encode()).unwrap(), pair);
+}

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use schemas::calibration::CameraModel;
 use schemas::cdr::{Cdr, Reader};
-use schemas::msg::{CameraInfo, Category, CategoryTable, CompressedImage, Header, PoseStamped, TFMessage};
+use schemas::msg::{CameraInfo, Category, CategoryTable, CompressedImage, Header, PoseStamped};
 use schemas::{Message, Stamp, metadata, topics};
 use slam_math::Se3;
 
@@ -232,11 +232,12 @@ pub(crate) fn true_pose(data: &[u8]) -> Result<StampedPose, String> {
 /// The stamp in a message's header. Topics of this project must carry their type in CDR; others have no header to trust.
 pub(crate) fn stamp_of(message: &MessageEvent<'_>) -> Result<Stamp, String> {
     let Channel { topic, schema_name, encoding, .. } = message.channel;
-    let Some(wanted) = topics::schema_name(topic).filter(|name| *name != TFMessage::SCHEMA_NAME) else {
-        return Ok(message.log_time);
-    };
+    let Some(wanted) = topics::schema_name(topic) else { return Ok(message.log_time) };
     if schema_name != wanted || encoding != "cdr" {
         return Err(format!("the topic carries {schema_name} in `{encoding}`, wanted {wanted} in `cdr`"));
+    }
+    if !topics::has_header(wanted) {
+        return Ok(message.log_time);
     }
     let header = Reader::new(message.data).and_then(|mut reader| Header::read(&mut reader));
     header.map(|header| header.stamp.into()).map_err(|error| error.to_string())

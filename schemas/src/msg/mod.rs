@@ -4,6 +4,7 @@ mod camera_info;
 mod geometry;
 mod image;
 mod mocap;
+mod recording;
 mod segmentation;
 mod standard;
 
@@ -11,5 +12,8 @@ pub use camera_info::{CameraInfo, RegionOfInterest};
 pub use geometry::{Imu, Point, Pose, PoseStamped, Quaternion, TFMessage, Transform, TransformStamped, Vector3};
 pub use image::{CompressedImage, Image, ImageError, encoding, format};
 pub use mocap::{MocapBody, MocapFrame, MocapLatency, MocapMarker, MocapTimecode, NOT_TOLD};
+pub use recording::{
+    ClockPair, DropRecord, Extrinsics, FrameMetadata, LogEntry, MotionIntrinsics, device_clock, domain, level,
+};
 pub use segmentation::{Category, CategoryTable, LabelInfo, SCORE_UNKNOWN, Segment, SegmentTable, VisionClass};
 pub use standard::{Header, Time};
