@@ -68,3 +68,66 @@ impl Damping {
         if decrease <= relative * cost { Verdict::AcceptAndStop } else { Verdict::Accept }
     }
 }
+
+/// A step that was worked out but not yet taken.
+pub(crate) struct Trial<S> {
+    pub state: S,
+    pub cost: f64,
+    /// Decrease of the cost that the linear model promised.
+    pub predicted: f64,
+}
+
+/// Budget of [`minimize`].
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Budget {
+    /// Most linear solves, accepted or not.
+    pub iterations: u32,
+    /// The search stops when the cost decreases by less than this share of itself.
+    pub relative_decrease: f64,
+    pub initial_damping: f64,
+}
+
+/// What [`minimize`] did.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Outcome {
+    pub initial_cost: f64,
+    pub final_cost: f64,
+    pub iterations: u32,
+    pub accepted: u32,
+    pub converged: bool,
+}
+
+/// Levenberg and Marquardt's iteration: `linearize` a state, `solve` the damped system for a trial (`None` when it can't
+/// be solved), take or leave it.
+pub(crate) fn minimize<S, L>(
+    state: &mut S,
+    initial_cost: f64,
+    budget: Budget,
+    mut linearize: impl FnMut(&S) -> L,
+    mut solve: impl FnMut(&S, &L, &Damping) -> Option<Trial<S>>,
+) -> Outcome {
+    let mut damping = Damping::new(budget.initial_damping);
+    let mut outcome = Outcome { initial_cost, final_cost: initial_cost, iterations: 0, accepted: 0, converged: false };
+    let mut linear = linearize(state);
+    while outcome.iterations < budget.iterations {
+        outcome.iterations += 1;
+        let Some(trial) = solve(state, &linear, &damping) else {
+            damping.raise();
+            continue;
+        };
+        let verdict = damping.judge(outcome.final_cost, trial.cost, trial.predicted, budget.relative_decrease);
+        if verdict.accepts() {
+            outcome.accepted += 1;
+            outcome.final_cost = trial.cost;
+            *state = trial.state;
+        }
+        if verdict.stops() {
+            outcome.converged = true;
+            break;
+        }
+        if verdict.accepts() && outcome.iterations < budget.iterations {
+            linear = linearize(state);
+        }
+    }
+    outcome
+}

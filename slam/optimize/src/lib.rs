@@ -4,6 +4,8 @@
 //! * [`robust`]: kernels that bound what one bad measurement can do.
 //! * [`pose`]: pose of one camera from known points.
 //! * [`bundle`]: poses and points together, by the Schur complement over the points.
+//! * [`sparse`]: block-sparse Cholesky with a fixed elimination order.
+//! * [`pose_graph`]: poses tied by relative poses, rigid or with scale.
 //! * [`triangulate()`]: a point from two rays.
 //! * [`absolute`]: rigid motion between two point clouds with outliers.
 //! * [`fundamental`]: two-view epipolar geometry with outliers.
@@ -18,8 +20,10 @@ pub mod absolute;
 pub mod bundle;
 pub mod camera;
 pub mod fundamental;
+mod gauge;
 mod levenberg;
 pub mod pose;
+pub mod pose_graph;
 mod ransac;
 pub mod robust;
 pub mod sparse;
@@ -30,4 +34,7 @@ pub use bundle::{BaObservation, BaOptions, BaPose, BaProblem, BaReport, bundle_a
 pub use camera::{DepthCamera, Measurement, Pinhole};
 pub use fundamental::{Fundamental, FundamentalOptions, epipolar_distance, fundamental_ransac, sampson_distance};
 pub use pose::{PoseObservation, PoseOptions, PoseResult, optimize_pose};
+pub use pose_graph::{Edge, PoseGraph, PoseGraphError, PoseGraphOptions, PoseGraphReport, Vertex, optimize_pose_graph};
+pub use robust::Kernel;
+pub use sparse::{BlockMatrix, BlockPattern, NotPositiveDefinite, SparseCholesky};
 pub use triangulate::triangulate;

@@ -28,19 +28,12 @@ impl<const N: usize> BlockMatrix<N> {
 }
 
 /// A matrix without a Cholesky factor.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("the matrix is not positive definite at variable {variable}: nothing ties it down")]
 pub struct NotPositiveDefinite {
     /// The variable whose pivot is not positive definite or not finite: nothing ties it down.
     pub variable: usize,
 }
-
-impl std::fmt::Display for NotPositiveDefinite {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "the matrix is not positive definite at variable {}: nothing ties it down", self.variable)
-    }
-}
-
-impl std::error::Error for NotPositiveDefinite {}
 
 /// `L` of `P A P^T = L L^T`, in storage that is used again for every matrix of the same pattern.
 #[derive(Debug, Clone)]
