@@ -417,6 +417,18 @@ impl Config {
             ("stereo.slide_px", f64::from(self.stereo.slide_px), (1..=15).contains(&self.stereo.slide_px), "1 to 15"),
             ("monocular.sigma_px", self.monocular.sigma_px, self.monocular.sigma_px > 0.0, positive),
             ("orb.levels", self.orb.levels as f64, (2..=16).contains(&self.orb.levels), "2 to 16"),
+            (
+                "tracking.hamming_high",
+                f64::from(self.tracking.hamming_high),
+                self.tracking.hamming_high <= 256,
+                "0 to 256",
+            ),
+            (
+                "tracking.hamming_low",
+                f64::from(self.tracking.hamming_low),
+                self.tracking.hamming_low <= 256,
+                "0 to 256",
+            ),
             ("tracking.ratio", self.tracking.ratio, self.tracking.ratio > 0.0 && self.tracking.ratio <= 1.0, "(0, 1]"),
             (
                 "panoptic.motion.history_frames",

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use slam_math::Se3;
-use slam_vision::{Camera, Descriptor, hamming};
+use slam_vision::{Camera, Descriptor, Nearest, nearest_two};
 
 use crate::observation::Observation;
 
@@ -55,7 +55,7 @@ pub fn search<K: Copy + Ord>(
     let mut nearby = Vec::new();
     for query in queries {
         obs.grid.query(query.pixel, query.radius, query.octaves[0], query.octaves[1], &obs.octave, &mut nearby);
-        if let Some((index, distance)) = best(obs, query, &nearby, limits, &allowed) {
+        if let Some((index, distance)) = best(obs, query, &mut nearby, limits, &allowed) {
             let claim = (distance, query.key);
             if owner[index].is_none_or(|holder| claim < holder) {
                 owner[index] = Some(claim);
@@ -69,29 +69,19 @@ pub fn search<K: Copy + Ord>(
 fn best<K>(
     obs: &Observation,
     query: &Query<K>,
-    nearby: &[u32],
+    nearby: &mut Vec<u32>,
     limits: Limits,
     allowed: &impl Fn(usize) -> bool,
 ) -> Option<(usize, u32)> {
-    let (mut first, mut second) = ((u32::MAX, usize::MAX), (u32::MAX, usize::MAX));
-    for &index in nearby {
-        let index = index as usize;
-        if !allowed(index) || !depth_agrees(obs.depth(index), query.depth_m) {
-            continue;
-        }
-        let candidate = (hamming(&query.descriptor, &obs.descriptor[index]), index);
-        if candidate < first {
-            (first, second) = (candidate, first);
-        } else if candidate < second {
-            second = candidate;
-        }
-    }
-    if first.0 > limits.hamming {
+    nearby.retain(|i| allowed(*i as usize) && depth_agrees(obs.depth(*i as usize), query.depth_m));
+    let [first, second] = nearest_two(&query.descriptor, &obs.descriptor, nearby);
+    if first.distance > limits.hamming {
         return None;
     }
-    let rival = second.1 != usize::MAX && obs.octave[second.1] == obs.octave[first.1];
-    let ambiguous = rival && f64::from(first.0) > limits.ratio * f64::from(second.0);
-    (!ambiguous).then_some((first.1, first.0))
+    let octave = |found: Nearest| obs.octave.get(found.index as usize);
+    let ambiguous =
+        octave(second) == octave(first) && f64::from(first.distance) > limits.ratio * f64::from(second.distance);
+    (!ambiguous).then_some((first.index as usize, first.distance))
 }
 
 fn depth_agrees(measured: Option<f64>, expected: Option<(f64, f64)>) -> bool {

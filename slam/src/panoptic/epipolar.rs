@@ -3,7 +3,7 @@
 use nalgebra::Matrix3;
 use slam_math::{FrameId, Rng, Se3, se3::skew};
 use slam_optimize::{FundamentalOptions, epipolar_distance, fundamental_ransac};
-use slam_vision::hamming;
+use slam_vision::nearest_two;
 
 use super::{FrameFilter, Remembered};
 use crate::context::Context;
@@ -92,30 +92,23 @@ fn match_last(ctx: &Context, last: &Remembered, obs: &Observation, frame: &Frame
     let mut nearby = Vec::new();
     let mut owner: Vec<Option<(u32, usize)>> = vec![None; last.obs.len()];
     for i in (0..obs.len()).filter(|i| frame.class[*i] != KeypointClass::Person) {
-        let candidates = if e.radius_px > 0.0 {
+        if e.radius_px > 0.0 {
             last.obs.grid.query(obs.pixel[i], e.radius_px, 0, u8::MAX, &last.obs.octave, &mut nearby);
-            &nearby
         } else {
-            &all
-        };
-        let track = frame.region[i].map(|r| frame.tracks[r].id);
-        let (mut first, mut second) = ((u32::MAX, 0), u32::MAX);
-        for &j in candidates {
-            let j = j as usize;
-            let same_thing = frame.class[i] != KeypointClass::Thing || last.track[j] == track;
-            if last.class[j] != frame.class[i] || !same_thing {
-                continue;
-            }
-            let candidate = (hamming(&obs.descriptor[i], &last.obs.descriptor[j]), j);
-            if candidate < first {
-                (second, first) = (first.0, candidate);
-            } else if candidate.0 < second {
-                second = candidate.0;
-            }
+            nearby.clone_from(&all);
         }
-        let sure = first.0 <= ctx.config.tracking.hamming_low && f64::from(first.0) <= RATIO * f64::from(second);
-        if sure && owner[first.1].is_none_or(|holder| (first.0, i) < holder) {
-            owner[first.1] = Some((first.0, i));
+        let track = frame.region[i].map(|r| frame.tracks[r].id);
+        let is_thing = frame.class[i] == KeypointClass::Thing;
+        nearby.retain(|j| {
+            let j = *j as usize;
+            last.class[j] == frame.class[i] && (!is_thing || last.track[j] == track)
+        });
+        let [first, second] = nearest_two(&obs.descriptor[i], &last.obs.descriptor, &nearby);
+        let sure = first.distance <= ctx.config.tracking.hamming_low
+            && f64::from(first.distance) <= RATIO * f64::from(second.distance);
+        let claim = (first.distance, i);
+        if sure && owner[first.index as usize].is_none_or(|holder| claim < holder) {
+            owner[first.index as usize] = Some(claim);
         }
     }
     let mut pairs: Vec<(usize, usize)> = owner.iter().enumerate().filter_map(|(j, o)| o.map(|(_, i)| (i, j))).collect();

@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 use slam_math::{FrameId, Se3, float};
-use slam_vision::hamming;
+use slam_vision::nearest_two;
 
 use super::association::Vote;
 use super::{FrameFilter, NO_REGION, Remembered};
@@ -104,6 +104,7 @@ pub(super) fn gather(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame:
         count_samples(ctx, now, depth, older, frame);
     }
     let world_from_camera = now.camera_from_world.inverse();
+    let mut nearby = Vec::new();
     for i in 0..now.obs.len() {
         let (Some(region), Some(z)) = (frame.region[i], now.obs.depth(i)) else { continue };
         if frame.class[i] == KeypointClass::Person {
@@ -111,7 +112,7 @@ pub(super) fn gather(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame:
         }
         let in_world = world_from_camera.transform(&ctx.camera.unproject(now.obs.pixel[i], z));
         for (age, then) in older.iter().enumerate() {
-            let Some(sigmas) = keypoint_residual(ctx, now.obs, i, &in_world, then) else { continue };
+            let Some(sigmas) = keypoint_residual(ctx, now.obs, i, &in_world, then, &mut nearby) else { continue };
             frame.motion_sigmas[i] = sigmas;
             let count = &mut frame.evidence[region].counts[age];
             count.keypoints += 1;
@@ -179,33 +180,26 @@ fn compare(ctx: &Context, then: &Remembered, in_world: &Vector3<f64>) -> Option<
 }
 
 /// How far keypoint `i` is from where the static world would have it in an older frame, in sigmas of pixel and depth
-/// noise; `None` when it is not found again.
+/// noise; `None` when it is not found again. `nearby` is scratch.
 fn keypoint_residual(
     ctx: &Context,
     obs: &Observation,
     i: usize,
     in_world: &Vector3<f64>,
     then: &Remembered,
+    nearby: &mut Vec<u32>,
 ) -> Option<f64> {
     let (pixel, expected) = project(&ctx.camera, &then.camera_from_world, in_world)?;
     let octave = obs.octave[i];
-    let mut nearby = Vec::new();
     let radius = ctx.config.panoptic.motion.search_px;
-    then.obs.grid.query(pixel, radius, octave.saturating_sub(1), octave + 1, &then.obs.octave, &mut nearby);
-    let (mut first, mut second) = ((u32::MAX, 0), u32::MAX);
-    for &j in nearby.iter().filter(|j| then.class[**j as usize] != KeypointClass::Person) {
-        let candidate = (hamming(&obs.descriptor[i], &then.obs.descriptor[j as usize]), j);
-        if candidate < first {
-            (second, first) = (first.0, candidate);
-        } else if candidate.0 < second {
-            second = candidate.0;
-        }
-    }
+    then.obs.grid.query(pixel, radius, octave.saturating_sub(1), octave + 1, &then.obs.octave, nearby);
+    nearby.retain(|j| then.class[*j as usize] != KeypointClass::Person);
+    let [first, second] = nearest_two(&obs.descriptor[i], &then.obs.descriptor, nearby);
     let t = &ctx.config.tracking;
-    if first.0 > t.hamming_low || f64::from(first.0) > t.ratio * f64::from(second) {
+    if first.distance > t.hamming_low || f64::from(first.distance) > t.ratio * f64::from(second.distance) {
         return None;
     }
-    let j = first.1 as usize;
+    let j = first.index as usize;
     let sigma_px = KEYPOINT_SIGMA_PX * ctx.scales[usize::from(octave)];
     let (dx, dy) = (then.obs.pixel[j][0] - pixel[0], then.obs.pixel[j][1] - pixel[1]);
     let mut chi2 = (dx * dx + dy * dy) / (2.0 * sigma_px * sigma_px);

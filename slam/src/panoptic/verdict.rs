@@ -103,17 +103,26 @@ fn near_movers(ctx: &Context, frame: &FrameFilter) -> Vec<bool> {
         return vec![false; hot.len()];
     }
     let reach = (ctx.config.panoptic.motion.border_px as usize).div_ceil(CELL_PX);
-    // A square is a row of rows: dilate along x, then along y.
-    let along = |source: &[bool], length: usize, step: usize, count: usize, stride: usize| {
-        let mut out = vec![false; source.len()];
-        for line in 0..count {
-            for k in 0..length {
-                let (from, to) = (k.saturating_sub(reach), (k + reach).min(length - 1));
-                out[line * stride + k * step] = (from..=to).any(|k| source[line * stride + k * step]);
-            }
-        }
-        out
-    };
-    let wide = along(&hot, width, 1, height, width);
-    along(&wide, height, width, width, 1)
+    // A square is a row of rows: along x, then along y, each line once forwards and once backwards.
+    let (mut wide, mut square) = (vec![false; hot.len()], vec![false; hot.len()]);
+    for y in 0..height {
+        let line = (0..width).map(|x| y * width + x);
+        smear(&hot, &mut wide, reach, line.clone());
+        smear(&hot, &mut wide, reach, line.rev());
+    }
+    for x in 0..width {
+        let line = (0..height).map(|y| y * width + x);
+        smear(&wide, &mut square, reach, line.clone());
+        smear(&wide, &mut square, reach, line.rev());
+    }
+    square
+}
+
+/// Marks each cell of a line that is or comes at most `reach` cells after a cell of `source`.
+fn smear(source: &[bool], marked: &mut [bool], reach: usize, line: impl Iterator<Item = usize>) {
+    let mut since = reach + 1;
+    for cell in line {
+        since = if source[cell] { 0 } else { since + 1 };
+        marked[cell] |= since <= reach;
+    }
 }

@@ -1,7 +1,7 @@
 //! First guess of a frame's pose: constant velocity, or the reference keyframe.
 
 use slam_math::Se3;
-use slam_vision::hamming;
+use slam_vision::nearest_two;
 
 use super::{TrackedFrame, refine_pose};
 use crate::context::Context;
@@ -88,23 +88,15 @@ pub(super) fn match_descriptors(
     frame: &TrackedFrame,
     ratio: f64,
 ) -> Vec<Match<u32>> {
-    let candidates: Vec<usize> = (0..frame.obs.len()).filter(|i| frame.usable[*i]).collect();
+    let candidates: Vec<u32> = (0..frame.obs.len() as u32).filter(|i| frame.usable[*i as usize]).collect();
     let mut owner: Vec<Option<(u32, u32)>> = vec![None; frame.obs.len()];
     for (key, _) in keyframe.points.iter().enumerate().filter(|(_, p)| p.is_some()) {
-        let wanted = &keyframe.obs.descriptor[key];
-        let (mut first, mut second) = ((u32::MAX, 0), u32::MAX);
-        for &i in &candidates {
-            let candidate = (hamming(wanted, &frame.obs.descriptor[i]), i);
-            if candidate < first {
-                (second, first) = (first.0, candidate);
-            } else if candidate.0 < second {
-                second = candidate.0;
-            }
-        }
-        let sure = first.0 <= ctx.config.tracking.hamming_low && f64::from(first.0) <= ratio * f64::from(second);
-        let claim = (first.0, key as u32);
-        if sure && owner[first.1].is_none_or(|holder| claim < holder) {
-            owner[first.1] = Some(claim);
+        let [first, second] = nearest_two(&keyframe.obs.descriptor[key], &frame.obs.descriptor, &candidates);
+        let sure = first.distance <= ctx.config.tracking.hamming_low
+            && f64::from(first.distance) <= ratio * f64::from(second.distance);
+        let claim = (first.distance, key as u32);
+        if sure && owner[first.index as usize].is_none_or(|holder| claim < holder) {
+            owner[first.index as usize] = Some(claim);
         }
     }
     let claims = owner.iter().enumerate();

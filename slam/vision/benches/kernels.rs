@@ -10,8 +10,8 @@ use common::{collage, descriptors, recorded_frames};
 use divan::{Bencher, black_box};
 use slam_math::Rng;
 use slam_vision::{
-    Bounds, Kernels, KeypointGrid, OrbConfig, OrbExtractor, PlaceIndex, Workspace, gray_from_rgb, hamming, hamming_at,
-    hamming_many,
+    Bounds, Kernels, KeypointGrid, OrbConfig, OrbExtractor, PlaceIndex, Workspace, gray_from_rgb, hamming,
+    hamming_many, nearest_two,
 };
 
 fn main() {
@@ -72,17 +72,25 @@ fn hamming_1000x1000_many(bencher: Bencher<'_, '_>) {
 }
 
 #[divan::bench]
+fn nearest_two_1000x1000(bencher: Bencher<'_, '_>) {
+    let (a, b) = (descriptors(1000, 1), descriptors(1000, 2));
+    let all: Vec<u32> = (0..1000).collect();
+    bencher.bench_local(|| a.iter().map(|a| nearest_two(a, black_box(&b), &all)[0]).min());
+}
+
+#[divan::bench]
 fn grid_query_and_match_1000(bencher: Bencher<'_, '_>) {
     let mut rng = Rng::at(3, 0, 0, 0);
     let pixels: Vec<[f64; 2]> = (0..1000).map(|_| [rng.uniform() * 640.0, rng.uniform() * 480.0]).collect();
     let (octaves, words) = (vec![0; 1000], descriptors(1000, 4));
     let grid = KeypointGrid::build(&pixels, Bounds { min: [0.0; 2], max: [640.0, 480.0] });
-    let (mut near, mut distances) = (Vec::new(), Vec::new());
+    let mut near = Vec::new();
     bencher.bench_local(|| {
-        for (pixel, word) in pixels.iter().zip(&words) {
+        let best = pixels.iter().zip(&words).map(|(pixel, word)| {
             grid.query(*pixel, 15.0, 0, 1, &octaves, &mut near);
-            hamming_at(word, &words, &near, &mut distances);
-        }
+            nearest_two(word, &words, &near)[0]
+        });
+        best.max()
     });
 }
 

@@ -7,8 +7,8 @@ pub type Descriptor = [u64; 4];
 
 /// Number of bits that differ, 0 to 256.
 ///
-/// Free of branches, so it inlines into any loop; for a list of candidates [`hamming_many`] and [`hamming_at`] are
-/// faster, because they ask once what the CPU offers.
+/// Free of branches, so it inlines into any loop; for a list of candidates [`hamming_many`], [`hamming_at`] and
+/// [`nearest_two`] are faster, because they ask once what the CPU offers.
 #[inline]
 #[must_use]
 pub fn hamming(a: &Descriptor, b: &Descriptor) -> u32 {
@@ -41,4 +41,22 @@ pub fn hamming_at(query: &Descriptor, descriptors: &[Descriptor], indices: &[u32
     distances.clear();
     distances.resize(indices.len(), 0);
     Kernels::detect().hamming_at(query, descriptors, indices, distances);
+}
+
+/// A descriptor of a list and its distance to the one that was asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Nearest {
+    /// Hamming distance; `u32::MAX` when there is none.
+    pub distance: u32,
+    /// Index into the list; `u32::MAX` when there is none.
+    pub index: u32,
+}
+
+/// The nearest and the second nearest to `query` of `descriptors[i]` for every `i` of `indices`; of equal distances the
+/// smaller index is nearer, so their order does not matter.
+///
+/// Panics when an index is out of range.
+#[must_use]
+pub fn nearest_two(query: &Descriptor, descriptors: &[Descriptor], indices: &[u32]) -> [Nearest; 2] {
+    Kernels::detect().nearest_two(query, descriptors, indices)
 }

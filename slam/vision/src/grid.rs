@@ -45,8 +45,9 @@ impl KeypointGrid {
         grid
     }
 
-    /// Replaces `found` by the indices, ascending, of keypoints with `|dx| < radius` and `|dy| < radius` around
-    /// `center` (undistorted pixels) whose octave lies in `octave_min..=octave_max`.
+    /// Replaces `found` by the indices of keypoints with `|dx| < radius` and `|dy| < radius` around `center`
+    /// (undistorted pixels) whose octave lies in `octave_min..=octave_max`, row of cells by row of cells: ascending
+    /// within a cell, not as a whole.
     ///
     /// `octaves` holds the octave of every keypoint given to [`KeypointGrid::build`], in that order.
     pub fn query(
@@ -63,18 +64,21 @@ impl KeypointGrid {
             return;
         }
         let (first_column, last_column) = (self.column(center[0] - radius), self.column(center[0] + radius));
+        let mut count = 0;
         for row in self.row(center[1] - radius)..=self.row(center[1] + radius) {
             let cells = row * COLUMNS + first_column..row * COLUMNS + last_column + 1;
             // Neighbouring cells of a row lie side by side, so one range covers them all.
             let range = self.starts[cells.start] as usize..self.starts[cells.end] as usize;
+            found.resize(count + range.len(), 0);
             for (&index, pixel) in self.indices[range.clone()].iter().zip(&self.pixels[range]) {
-                let near = (pixel[0] - center[0]).abs() < radius && (pixel[1] - center[1]).abs() < radius;
-                if near && (octave_min..=octave_max).contains(&octaves[index as usize]) {
-                    found.push(index);
-                }
+                let near = ((pixel[0] - center[0]).abs() < radius) & ((pixel[1] - center[1]).abs() < radius);
+                let octave = octaves[index as usize];
+                // Written always and kept only when it counts: no branch that the CPU would guess wrong.
+                found[count] = index;
+                count += usize::from(near & (octave >= octave_min) & (octave <= octave_max));
             }
         }
-        found.sort_unstable();
+        found.truncate(count);
     }
 
     fn column(&self, x: f64) -> usize {

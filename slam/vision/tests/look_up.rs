@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use slam_math::Rng;
 use slam_vision::{
     Bounds, Camera, Descriptor, Distortion, KeypointGrid, PlaceIndex, VisionError, gray_from_rgb, hamming, hamming_at,
-    hamming_many,
+    hamming_many, nearest_two,
 };
 
 fn camera(distortion: Distortion) -> Camera {
@@ -116,6 +116,7 @@ proptest! {
         let grid = KeypointGrid::build(&points, Bounds { min: [0.0, 0.0], max: [640.0, 480.0] });
         let mut found = vec![7];
         grid.query([center.0, center.1], radius, octave_min, octave_min + span, &octaves, &mut found);
+        found.sort_unstable();
         let expected: Vec<u32> = (0..points.len())
             .filter(|&i| (points[i][0] - center.0).abs() < radius && (points[i][1] - center.1).abs() < radius)
             .filter(|&i| (octave_min..=octave_min + span).contains(&octaves[i]))
@@ -136,6 +137,11 @@ proptest! {
         hamming_at(&a, &others, &indices, &mut many);
         many.reverse();
         prop_assert_eq!(&many, &expected);
+        let mut ranked: Vec<_> = indices.iter().map(|&i| (expected[i as usize], i)).collect();
+        ranked.sort_unstable();
+        ranked.resize(2.max(ranked.len()), (u32::MAX, u32::MAX));
+        let nearest = nearest_two(&a, &others, &indices).map(|n| (n.distance, n.index));
+        prop_assert_eq!(&nearest[..], &ranked[..2]);
     }
 }
 

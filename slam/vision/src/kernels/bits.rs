@@ -1,6 +1,6 @@
 //! Hamming distances.
 
-use crate::Descriptor;
+use crate::{Descriptor, Nearest};
 
 #[inline(always)]
 pub(super) fn hamming_many(query: &Descriptor, descriptors: &[Descriptor], distances: &mut [u32]) {
@@ -14,6 +14,18 @@ pub(super) fn hamming_at(query: &Descriptor, descriptors: &[Descriptor], indices
     for (distance, &index) in distances.iter_mut().zip(indices) {
         *distance = hamming(query, &descriptors[index as usize]);
     }
+}
+
+#[inline(always)]
+pub(super) fn nearest_two(query: &Descriptor, descriptors: &[Descriptor], indices: &[u32]) -> [Nearest; 2] {
+    // Distance and index in one number, so that the pair is ordered by one comparison and without a branch.
+    let (mut first, mut second) = (u64::MAX, u64::MAX);
+    for &index in indices {
+        let key = u64::from(hamming(query, &descriptors[index as usize])) << 32 | u64::from(index);
+        second = second.min(first.max(key));
+        first = first.min(key);
+    }
+    [first, second].map(|key| Nearest { distance: (key >> 32) as u32, index: key as u32 })
 }
 
 /// Where popcnt exists `count_ones` is one instruction, otherwise the compiler's bit tricks.

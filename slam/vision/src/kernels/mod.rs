@@ -12,7 +12,7 @@ mod tests;
 pub(crate) use filter::Bilinear;
 pub(crate) use patch::{Moments, PATCH_MARGIN};
 
-use crate::Descriptor;
+use crate::{Descriptor, Nearest};
 
 /// Which compiled version of the kernels runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -40,22 +40,21 @@ impl Kernels {
 
 /// Gives each kernel a method of [`Kernels`] that calls the version to run.
 macro_rules! dispatch {
-    ($($(#[$doc:meta])* fn $name:ident($($arg:ident: $ty:ty),* $(,)?) = $body:path;)*) => {
+    ($($(#[$doc:meta])* fn $name:ident($($arg:ident: $ty:ty),* $(,)?) $(-> $out:ty)? = $body:path;)*) => {
         impl Kernels {
             $(
                 $(#[$doc])*
-                pub(crate) fn $name(self, $($arg: $ty),*) {
+                pub(crate) fn $name(self, $($arg: $ty),*) $(-> $out)? {
                     #[cfg(target_arch = "x86_64")]
                     if self.wide {
                         #[target_feature(enable = "avx2,popcnt")]
-                        fn wide($($arg: $ty),*) {
-                            $body($($arg),*);
+                        fn wide($($arg: $ty),*) $(-> $out)? {
+                            $body($($arg),*)
                         }
                         // SAFETY: `wide` is only ever set by `detect`, which found both features on this CPU.
-                        unsafe { wide($($arg),*) };
-                        return;
+                        return unsafe { wide($($arg),*) };
                     }
-                    $body($($arg),*);
+                    $body($($arg),*)
                 }
             )*
         }
@@ -85,4 +84,7 @@ dispatch! {
     /// Distances of one descriptor to some of many.
     fn hamming_at(query: &Descriptor, descriptors: &[Descriptor], indices: &[u32], distances: &mut [u32])
         = bits::hamming_at;
+    /// The two descriptors nearest to one, among some of many.
+    fn nearest_two(query: &Descriptor, descriptors: &[Descriptor], indices: &[u32]) -> [Nearest; 2]
+        = bits::nearest_two;
 }
