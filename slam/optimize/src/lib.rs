@@ -9,6 +9,7 @@
 //! * [`triangulate()`]: a point from two rays.
 //! * [`absolute`]: rigid motion between two point clouds with outliers.
 //! * [`fundamental`]: two-view epipolar geometry with outliers.
+//! * [`two_view`]: motion and points from two views without depth, the start of a monocular map.
 //!
 //! Conventions: metres, radians, undistorted pixels; poses are `camera_from_world`, perturbed from the left,
 //! `exp(delta) * camera_from_world`, with `delta = [translation, rotation]`. Costs are sums of squared normalised residuals
@@ -28,6 +29,7 @@ mod ransac;
 pub mod robust;
 pub mod sparse;
 pub mod triangulate;
+pub mod two_view;
 
 pub use absolute::{AbsoluteOptions, absolute_orientation_ransac};
 pub use bundle::{BaObservation, BaOptions, BaPose, BaProblem, BaReport, bundle_adjust};
@@ -38,3 +40,4 @@ pub use pose_graph::{Edge, PoseGraph, PoseGraphError, PoseGraphOptions, PoseGrap
 pub use robust::Kernel;
 pub use sparse::{BlockMatrix, BlockPattern, NotPositiveDefinite, SparseCholesky};
 pub use triangulate::triangulate;
+pub use two_view::{TwoViewFailure, TwoViewModel, TwoViewOptions, TwoViewReconstruction, two_view_reconstruction};

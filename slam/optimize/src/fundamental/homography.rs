@@ -27,15 +27,16 @@ pub(super) fn explains(matches: &[Match], threshold_px: f64, share: f64) -> bool
     false
 }
 
-fn transfer_squared(h: &Matrix3<f64>, m: &Match) -> f64 {
+/// Squared distance in the current image, px^2.
+pub(crate) fn transfer_squared(h: &Matrix3<f64>, m: &Match) -> f64 {
     let moved = h * homogeneous(m.last);
     let (dx, dy) = (moved[0] / moved[2] - m.current[0], moved[1] / moved[2] - m.current[1]);
     let squared = dx * dx + dy * dy;
     if squared.is_finite() { squared } else { f64::INFINITY }
 }
 
-/// Normalised direct linear transform.
-fn direct_linear(matches: &[Match]) -> Option<Matrix3<f64>> {
+/// Normalised direct linear transform: `current ~ H last`, from at least four matches.
+pub(crate) fn direct_linear(matches: &[Match]) -> Option<Matrix3<f64>> {
     let last = fit::normalization(matches.iter().map(|m| m.last))?;
     let current = fit::normalization(matches.iter().map(|m| m.current))?;
     let mut normal = SMatrix::<f64, 9, 9>::zeros();

@@ -4,7 +4,7 @@
 //! refined on the matches around it, and a test whether the views determine the geometry at all.
 
 mod fit;
-mod homography;
+pub(crate) mod homography;
 mod seven_point;
 
 use nalgebra::{Matrix3, Vector3};
@@ -84,9 +84,9 @@ pub fn fundamental_ransac(
 
 /// A point's pixel in both views.
 #[derive(Debug, Clone, Copy)]
-struct Match {
-    last: [f64; 2],
-    current: [f64; 2],
+pub(crate) struct Match {
+    pub last: [f64; 2],
+    pub current: [f64; 2],
 }
 
 struct Model {
@@ -183,6 +183,6 @@ fn ratio(a: f64, b: f64) -> f64 {
     if quotient.is_finite() { quotient } else { f64::INFINITY }
 }
 
-fn homogeneous(pixel: [f64; 2]) -> Vector3<f64> {
+pub(crate) fn homogeneous(pixel: [f64; 2]) -> Vector3<f64> {
     Vector3::new(pixel[0], pixel[1], 1.0)
 }
