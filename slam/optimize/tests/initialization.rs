@@ -22,8 +22,7 @@ fn matches(rng: &mut Rng, motion: &Se3, points: &[Vector3<f64>]) -> (Pixels, Pix
 }
 
 fn solve(first: &Pixels, second: &Pixels) -> Result<TwoViewReconstruction, TwoViewFailure> {
-    let options = TwoViewOptions { sigma_px: 0.5, ..TwoViewOptions::default() };
-    two_view_reconstruction(&mut Rng::at(7, 0, 0, 0), &CAMERA, first, second, &options)
+    two_view_reconstruction(&mut Rng::at(7, 0, 0, 0), &CAMERA, first, second, &TwoViewOptions::default())
 }
 
 /// A tilted plane with a picture on it.
@@ -42,13 +41,21 @@ fn errors(found: &Se3, truth: &Se3) -> (f64, f64) {
 
 #[test]
 fn motion_and_points_come_back_up_to_scale() {
+    let mut ambiguous = 0;
     for (seed, flat) in (0..20).flat_map(|seed| [(seed, false), (seed, true)]) {
         let mut rng = Rng::at(seed, 1, 0, 0);
         let sideways = Vector6::new(0.5, 0.1, 0.1, 0.0, -0.08, 0.02);
         let motion = Se3::exp(&(sideways + Vector6::from_fn(|_, _| 0.02 * rng.normal())));
         let points: Vec<_> = (0..300).map(|_| if flat { plane(&mut rng) } else { point(&mut rng) }).collect();
         let (first, second) = matches(&mut rng, &motion, &points);
-        let found = solve(&first, &second).unwrap();
+        let found = match solve(&first, &second) {
+            // A plane's two motions may both put most of it in front (Faugeras and Lustman 1988).
+            Err(TwoViewFailure::Ambiguous { .. }) if flat => {
+                ambiguous += 1;
+                continue;
+            }
+            found => found.unwrap(),
+        };
         assert_eq!(found.model, if flat { TwoViewModel::Homography } else { TwoViewModel::Fundamental });
         assert!((found.second_from_first.translation.norm() - 1.0).abs() < 1e-12);
         let (turn, direction) = errors(&found.second_from_first, &motion);
@@ -62,6 +69,7 @@ fn motion_and_points_come_back_up_to_scale() {
         let median = slam_math::float::median_in_place(&mut relative).unwrap();
         assert!(median < 0.05, "seed {seed}, flat {flat}: {median}");
     }
+    assert!(ambiguous <= 10, "{ambiguous} of 20 planes");
 }
 
 #[test]

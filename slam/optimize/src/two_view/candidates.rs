@@ -41,7 +41,7 @@ pub(super) fn of_homography(h: &Matrix3<f64>, camera: &Pinhole, matches: &[Match
     let h = h * (sign / singular[1]);
     let Some((_, singular, v)) = sorted_svd(&h) else { return Vec::new() };
     let (largest, smallest) = (singular[0] * singular[0], singular[2] * singular[2]);
-    if !(largest - smallest > NO_TRANSLATION) {
+    if largest - smallest <= NO_TRANSLATION {
         return Vec::new();
     }
     let v = if v.determinant() < 0.0 { -v } else { v };
