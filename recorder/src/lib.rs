@@ -7,6 +7,7 @@
 //! - [`import`]: data set folders to logs.
 //! - [`recover`]: a damaged log to a valid one, with a list of what is lost.
 //! - [`realsense`]: RealSense cameras through the vendor's library.
+//! - [`sync`]: clocks and hand-eye transform from what was recorded.
 //! - [`Arrival`]: the host's clocks at the moment when something came in.
 //! - [`picture`]: PNG and JPEG files at the border of a log.
 
@@ -18,6 +19,7 @@ pub mod picture;
 pub mod realsense;
 pub mod recover;
 mod rgbd;
+pub mod sync;
 
 pub use arrival::Arrival;
 pub use log_writer::{ChannelId, LogOptions, LogWriter, WriteError};

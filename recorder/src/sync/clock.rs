@@ -1,0 +1,152 @@
+//! A device clock against the clock of the computer that received its data.
+//!
+//! `arrival = host_at_origin + (1 + drift) (device - origin) + delay`, and the delay is never negative: transport only
+//! ever adds time. So the clocks' relation is the lower envelope of the arrivals. It is found from the earliest arrival
+//! of every second, which busy moments of the host leave alone, by Theil and Sen's line (the median of all slopes),
+//! which a third of bad seconds does not move.
+
+use super::SyncError;
+use serde::{Deserialize, Serialize};
+use slam_math::float::median_in_place;
+
+/// Time over which the earliest arrival counts, nanoseconds.
+const WINDOW_NS: i64 = 1_000_000_000;
+/// Windows at most: more are thinned evenly, the slopes' number grows with the square.
+const MAX_WINDOWS: usize = 1000;
+/// Windows needed for a drift.
+const MIN_WINDOWS: usize = 5;
+
+/// How a device clock runs against the host's monotonic clock.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ClockFit {
+    /// A moment of the device clock, nanoseconds.
+    pub origin_ns: i64,
+    /// The host's clock at that moment plus the shortest transport there was, nanoseconds.
+    pub host_at_origin_ns: i64,
+    /// By how much a second of the device is longer on the host, parts per million.
+    pub drift_ppm: f64,
+    /// Spread of the windows' earliest arrivals about the line (1.4826 x median absolute deviation), nanoseconds.
+    pub residual_ns: f64,
+    /// Median of the arrivals' delay above the line, nanoseconds.
+    pub delay_p50_ns: f64,
+    /// The longest delay above the line, nanoseconds.
+    pub delay_max_ns: f64,
+    /// Samples that were used.
+    pub samples: usize,
+    /// Seconds between the first and the last of them.
+    pub span_s: f64,
+}
+
+impl ClockFit {
+    /// The host's clock when the device's showed `device_ns`, nanoseconds.
+    #[must_use]
+    pub fn host_ns(&self, device_ns: i64) -> i64 {
+        let since = device_ns - self.origin_ns;
+        self.host_at_origin_ns + since + (since as f64 * self.drift_ppm * 1e-6).round() as i64
+    }
+}
+
+/// Fits `(device, arrival)` pairs in nanoseconds; the device's counter is unwrapped already. Order does not matter.
+///
+/// # Errors
+/// Fewer than five seconds of samples.
+pub fn fit_clock(samples: &[(i64, i64)]) -> Result<ClockFit, SyncError> {
+    let mut samples = samples.to_vec();
+    samples.sort_unstable();
+    let few = |found| SyncError::TooFew { what: "seconds of device time with arrivals", found, needed: MIN_WINDOWS };
+    let (Some(first), Some(last)) = (samples.first().copied(), samples.last().copied()) else { return Err(few(0)) };
+    let earliest = earliest_arrivals(&samples, first.0);
+    if earliest.len() < MIN_WINDOWS {
+        return Err(few(earliest.len()));
+    }
+    // Relative to the first sample, so that doubles are exact enough; the common rate of 1 is taken out.
+    let point = |(device, arrival): (i64, i64)| {
+        let device = device - first.0;
+        (device as f64, (arrival - first.1 - device) as f64)
+    };
+    let points: Vec<(f64, f64)> = earliest.iter().map(|sample| point(*sample)).collect();
+    let drift = median_slope(&points);
+    let mut offsets: Vec<f64> = points.iter().map(|(x, y)| y - drift * x).collect();
+    let offset = median_in_place(&mut offsets).unwrap_or(0.0);
+    let mut deviations: Vec<f64> = points.iter().map(|(x, y)| (y - drift * x - offset).abs()).collect();
+    let spread = median_in_place(&mut deviations).unwrap_or(0.0);
+    let mut delays: Vec<f64> =
+        samples.iter().map(|sample| point(*sample)).map(|(x, y)| y - drift * x - offset).collect();
+    let delay_max_ns = delays.iter().copied().fold(0.0, slam_math::float::max);
+    Ok(ClockFit {
+        origin_ns: first.0,
+        host_at_origin_ns: first.1 + offset.round() as i64,
+        drift_ppm: drift * 1e6,
+        residual_ns: 1.4826 * spread,
+        delay_p50_ns: median_in_place(&mut delays).unwrap_or(0.0),
+        delay_max_ns,
+        samples: samples.len(),
+        span_s: (last.0 - first.0) as f64 * 1e-9,
+    })
+}
+
+/// The sample with the least delay of every window.
+fn earliest_arrivals(samples: &[(i64, i64)], origin_ns: i64) -> Vec<(i64, i64)> {
+    let mut earliest: Vec<(i64, (i64, i64))> = Vec::new();
+    for sample in samples {
+        let window = (sample.0 - origin_ns) / WINDOW_NS;
+        match earliest.last_mut() {
+            Some((last, best)) if *last == window => {
+                if sample.1 - sample.0 < best.1 - best.0 {
+                    *best = *sample;
+                }
+            }
+            _ => earliest.push((window, *sample)),
+        }
+    }
+    let kept = earliest.len().min(MAX_WINDOWS);
+    (0..kept).map(|i| earliest[i * earliest.len() / kept].1).collect()
+}
+
+fn median_slope(points: &[(f64, f64)]) -> f64 {
+    let pairs = points.iter().enumerate().flat_map(|(i, a)| points[i + 1..].iter().map(move |b| (a, b)));
+    let mut slopes: Vec<f64> = pairs.filter(|(a, b)| b.0 > a.0).map(|(a, b)| (b.1 - a.1) / (b.0 - a.0)).collect();
+    median_in_place(&mut slopes).unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use slam_math::Rng;
+    use slam_math::float::ln;
+
+    /// 30 Hz for `seconds`, transport of 4 ms plus exponential jitter of 2 ms, and a stall of 80 ms now and then.
+    fn arrivals(drift_ppm: f64, seconds: i64) -> Vec<(i64, i64)> {
+        let mut rng = Rng::at(5, 0, 0, 0);
+        let sample = |i: i64| {
+            let device = 7_000_000_000 + i * 33_333_333;
+            let host = 900_000_000_000 + ((device as f64) * (1.0 + drift_ppm * 1e-6)) as i64;
+            let jitter = -2e6 * ln(1.0 - rng.uniform());
+            let stall = if i % 200 < 8 { 80e6 } else { 0.0 };
+            (device, host + 4_000_000 + (jitter + stall) as i64)
+        };
+        (0..seconds * 30).map(sample).collect()
+    }
+
+    #[test]
+    fn drift_is_found_to_two_parts_per_million() {
+        for drift_ppm in [-35.0, 0.0, 20.0] {
+            let fit = fit_clock(&arrivals(drift_ppm, 120)).unwrap();
+            assert!((fit.drift_ppm - drift_ppm).abs() < 2.0, "{fit:?}");
+            // The envelope lies a transport of 4 ms above the true relation, within the windows' own jitter.
+            let truth = 900_000_000_000 + (7_000_000_000f64 * (1.0 + drift_ppm * 1e-6)) as i64 + 4_000_000;
+            assert!((fit.host_ns(7_000_000_000) - truth).abs() < 300_000, "{fit:?}");
+            assert!(fit.delay_max_ns > 79e6 && fit.delay_p50_ns < 3e6, "{fit:?}");
+        }
+    }
+
+    #[test]
+    fn order_does_not_matter_and_little_is_refused() {
+        let samples = arrivals(10.0, 60);
+        let mut shuffled = samples.clone();
+        shuffled.reverse();
+        assert_eq!(fit_clock(&samples), fit_clock(&shuffled));
+        assert!(matches!(fit_clock(&arrivals(10.0, 3)), Err(SyncError::TooFew { found: 3, .. })));
+        assert!(fit_clock(&[]).is_err());
+    }
+}

@@ -1,0 +1,247 @@
+//! Offset and drift between the camera's clock and the mocap's, from angular velocities.
+//!
+//! Both sides see the same rigid body turn. The norms of their angular velocities agree at one lag (coarse); then all
+//! three axes are fitted with rotation, gyro bias, offset and drift (fine). The camera side is a gyroscope, or the
+//! rotation of any visual odometry, with less accuracy.
+
+use super::correlation::{Peak, best_lag, grid_step_s, norms};
+use super::refine::{Fit, Model, pairs, refine};
+use super::{AngularVelocity, SyncError};
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// How to look for the offset.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OffsetOptions {
+    /// Largest offset looked for either way, seconds.
+    pub max_offset_s: f64,
+    /// Length of the windows in which the offset is looked for again, seconds.
+    pub window_s: f64,
+}
+
+impl Default for OffsetOptions {
+    fn default() -> Self {
+        Self { max_offset_s: 0.5, window_s: 20.0 }
+    }
+}
+
+/// Angular speed (root mean square about its mean) below which nothing can be told from noise, rad/s: five times the
+/// noise of 0.05 degree poses over 60 ms.
+const MIN_MOTION_RAD_S: f64 = 0.1;
+/// Correlation below which the two signals are not of one body.
+const MIN_CORRELATION: f64 = 0.6;
+/// By how much the peak must rise above the second one.
+const MIN_LEAD: f64 = 0.02;
+/// Common samples needed.
+const MIN_SAMPLES: usize = 300;
+/// Shorter recordings tell no drift: 10 s at an offset sigma of 0.1 ms leave 30 ppm.
+const MIN_DRIFT_SPAN_S: f64 = 30.0;
+
+/// Offset between two clocks. `camera = mocap + offset + drift (mocap - reference)`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Offset {
+    /// Mocap time at which the offset holds, nanoseconds.
+    pub reference_ns: i64,
+    /// Camera time at that moment minus mocap time, nanoseconds.
+    pub offset_ns: i64,
+    /// Its standard deviation, nanoseconds.
+    pub offset_sigma_ns: f64,
+    /// Parts per million; 0 when the recording is too short for one.
+    pub drift_ppm: f64,
+    /// Its standard deviation; none when the recording is too short.
+    pub drift_sigma_ppm: Option<f64>,
+    /// Correlation coefficient of the angular speeds at the peak.
+    pub correlation: f64,
+    /// The best coefficient elsewhere.
+    pub rival_correlation: f64,
+    /// Root mean square of the residual angular velocity, rad/s.
+    pub residual_rad_s: f64,
+    /// Root mean square of the angular speed about its mean, rad/s.
+    pub motion_rad_s: f64,
+    /// Rotation from the camera side's sensor (gyroscope or camera) to the marker body, rows joined.
+    pub marker_from_sensor: [f64; 9],
+    /// Bias of that sensor, rad/s in its own frame.
+    pub bias_rad_s: [f64; 3],
+    /// Mocap samples that were used.
+    pub samples: usize,
+    /// The offset looked for anew in pieces: shows whether one line is enough.
+    pub windows: Vec<WindowOffset>,
+}
+
+/// The offset in one piece of the recording.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct WindowOffset {
+    /// First mocap time, nanoseconds.
+    pub start_ns: i64,
+    /// Last mocap time, nanoseconds.
+    pub end_ns: i64,
+    /// Offset minus the line's, nanoseconds.
+    pub deviation_ns: f64,
+    /// Standard deviation, nanoseconds.
+    pub sigma_ns: f64,
+}
+
+impl Offset {
+    /// Camera time of a mocap time, nanoseconds.
+    #[must_use]
+    pub fn camera_ns(&self, mocap_ns: i64) -> i64 {
+        let since = mocap_ns - self.reference_ns;
+        mocap_ns + self.offset_ns + (since as f64 * self.drift_ppm * 1e-6).round() as i64
+    }
+
+    /// Mocap time of a camera time, nanoseconds.
+    #[must_use]
+    pub fn mocap_ns(&self, camera_ns: i64) -> i64 {
+        let first = camera_ns - self.offset_ns;
+        // One step suffices: the drift changes by parts per million of itself.
+        first - (self.camera_ns(first) - camera_ns)
+    }
+}
+
+/// Estimates the offset from the angular velocities of the camera side and of the marker body.
+///
+/// # Errors
+/// Too little data or motion, or signals that do not belong together within the largest offset.
+pub fn estimate_offset(
+    camera: &AngularVelocity,
+    mocap: &AngularVelocity,
+    options: &OffsetOptions,
+) -> Result<Offset, SyncError> {
+    // The origins differ by a known whole number of nanoseconds; everything below is relative to them.
+    let origins_s = super::seconds(mocap.origin_ns, camera.origin_ns);
+    let mocap_here = AngularVelocity { time_s: mocap.time_s.iter().map(|t| t + origins_s).collect(), ..mocap.clone() };
+    let peak = coarse(camera, &mocap_here, options)?;
+    let middle_s = 0.5 * (mocap_here.time_s.first().copied().unwrap_or(0.0) + mocap_here.end_s());
+    let start =
+        Model { rotation: Matrix3::identity(), bias: Vector3::zeros(), offset_s: peak.lag_s, drift: 0.0, middle_s };
+    let both = pairs(&mocap_here, camera, &start);
+    if both.len() < MIN_SAMPLES {
+        return Err(SyncError::TooFew {
+            what: "mocap samples during the recording",
+            found: both.len(),
+            needed: MIN_SAMPLES,
+        });
+    }
+    let start = Model { rotation: rotation_between(&both), ..start };
+    let span_s = mocap_here.end_s() - mocap_here.time_s.first().copied().unwrap_or(0.0);
+    let window = smoothing_samples(&mocap_here);
+    let fit = refine(&mocap_here, camera, start, window, span_s >= MIN_DRIFT_SPAN_S);
+    let fit = fit.ok_or(SyncError::NoAgreement {
+        what: "clock offset",
+        reason: "the angular velocities do not fit each other at any offset".to_owned(),
+    })?;
+    let to_ns = |mocap_s: f64| camera.origin_ns + (mocap_s * 1e9).round() as i64;
+    let windows = windows(&mocap_here, camera, &fit, options, window);
+    let windows = windows.into_iter().map(|(start_s, end_s, deviation_s, sigma_s)| WindowOffset {
+        start_ns: to_ns(start_s),
+        end_ns: to_ns(end_s),
+        deviation_ns: deviation_s * 1e9,
+        sigma_ns: sigma_s * 1e9,
+    });
+    let model = &fit.model;
+    let turns: [f64; 9] = std::array::from_fn(|i| model.rotation[(i / 3, i % 3)]);
+    Ok(Offset {
+        reference_ns: to_ns(middle_s),
+        offset_ns: (model.offset_s * 1e9).round() as i64,
+        offset_sigma_ns: fit.offset_sigma_s * 1e9,
+        drift_ppm: model.drift * 1e6,
+        drift_sigma_ppm: fit.drift_sigma.is_finite().then_some(fit.drift_sigma * 1e6),
+        correlation: peak.correlation,
+        rival_correlation: peak.rival,
+        residual_rad_s: fit.residual_rad_s,
+        motion_rad_s: motion(&both),
+        marker_from_sensor: turns,
+        bias_rad_s: model.bias.into(),
+        samples: fit.samples,
+        windows: windows.collect(),
+    })
+}
+
+/// Neighbouring samples that share their noise: those within the 60 ms of smoothing.
+fn smoothing_samples(mocap: &AngularVelocity) -> f64 {
+    let interval = (mocap.max_gap_s / 2.5).clamp(1e-4, 1.0);
+    slam_math::float::max(0.06 / interval, 1.0)
+}
+
+fn coarse(camera: &AngularVelocity, mocap: &AngularVelocity, options: &OffsetOptions) -> Result<Peak, SyncError> {
+    let start_s = slam_math::float::min(0.0, mocap.time_s.first().copied().unwrap_or(0.0));
+    let end_s = slam_math::float::max(camera.end_s(), mocap.end_s());
+    let step_s = grid_step_s(end_s - start_s);
+    let count = ((end_s - start_s) / step_s) as usize + 1;
+    let (a, b) = (norms(camera, start_s, step_s, count), norms(mocap, start_s, step_s, count));
+    let motion_rad_s = spread(&b);
+    if motion_rad_s < MIN_MOTION_RAD_S {
+        return Err(SyncError::Unobservable {
+            what: "clock offset",
+            reason: format!("the turning varies by {motion_rad_s:.3} rad/s, {MIN_MOTION_RAD_S} are needed"),
+            advice: "turn the camera briskly to and fro for some seconds at the beginning and the end",
+        });
+    }
+    let peak = best_lag(&a, &b, (options.max_offset_s / step_s) as usize, step_s);
+    let nothing = |reason: String| SyncError::NoAgreement { what: "clock offset", reason };
+    let peak = peak.ok_or_else(|| nothing("the two recordings have no time in common".to_owned()))?;
+    let at_edge = options.max_offset_s - peak.lag_s.abs() < 2.0 * step_s;
+    let (found, rival) = (peak.correlation, peak.rival);
+    if found < MIN_CORRELATION || found - rival < MIN_LEAD || at_edge {
+        return Err(nothing(format!(
+            "the best lag within +-{} s is {:.3} s with correlation {found:.3} (needed {MIN_CORRELATION}), the next best \
+             has {rival:.3}: is it the right subject, and is the offset larger?",
+            options.max_offset_s, peak.lag_s
+        )));
+    }
+    Ok(peak)
+}
+
+/// Standard deviation of what is known.
+fn spread(values: &[f64]) -> f64 {
+    let known: Vec<f64> = values.iter().copied().filter(|v| !v.is_nan()).collect();
+    let n = known.len().max(1) as f64;
+    let mean = known.iter().fold(0.0, |a, b| a + b) / n;
+    (known.iter().fold(0.0, |sum, v| sum + (v - mean) * (v - mean)) / n).sqrt()
+}
+
+fn motion(pairs: &[(Vector3<f64>, Vector3<f64>)]) -> f64 {
+    spread(&pairs.iter().map(|(mocap, _)| mocap.norm()).collect::<Vec<_>>())
+}
+
+/// Rotation that turns the second vectors onto the first ones, about their means (Kabsch): a bias does not count.
+fn rotation_between(pairs: &[(Vector3<f64>, Vector3<f64>)]) -> Matrix3<f64> {
+    let n = pairs.len() as f64;
+    let mean = |side: fn(&(Vector3<f64>, Vector3<f64>)) -> Vector3<f64>| {
+        pairs.iter().map(side).fold(Vector3::zeros(), |sum, v| sum + v) / n
+    };
+    let (first, second) = (mean(|pair| pair.0), mean(|pair| pair.1));
+    let outer =
+        pairs.iter().fold(Matrix3::zeros(), |sum: Matrix3<f64>, (a, b)| sum + (a - first) * (b - second).transpose());
+    super::hand_eye::nearest_rotation(&outer).unwrap_or_else(Matrix3::identity)
+}
+
+/// `(start, end, deviation, sigma)` of every window with enough samples, seconds.
+fn windows(
+    mocap: &AngularVelocity,
+    camera: &AngularVelocity,
+    fit: &Fit,
+    options: &OffsetOptions,
+    window: f64,
+) -> Vec<(f64, f64, f64, f64)> {
+    let mut out = Vec::new();
+    let mut from = 0;
+    while from < mocap.time_s.len() {
+        let start_s = mocap.time_s[from];
+        let to = from + mocap.time_s[from..].partition_point(|t| *t < start_s + options.window_s);
+        let piece = AngularVelocity {
+            time_s: mocap.time_s[from..to].to_vec(),
+            rad_s: mocap.rad_s[from..to].to_vec(),
+            origin_ns: mocap.origin_ns,
+            max_gap_s: mocap.max_gap_s,
+        };
+        from = to;
+        // Rotation and bias belong to the body, not to the piece; they start right and barely move.
+        let Some(one) = refine(&piece, camera, fit.model, window, false).filter(|one| one.samples >= MIN_SAMPLES)
+        else {
+            continue;
+        };
+        out.push((start_s, piece.end_s(), one.model.offset_s - fit.model.offset_s, one.offset_sigma_s));
+    }
+    out
+}
