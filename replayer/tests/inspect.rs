@@ -8,7 +8,7 @@ use std::sync::Arc;
 use replayer::eval::{StampedPose, Trajectory};
 use replayer::inspect::{InspectError, Inspector};
 use slam::input::{Category, DepthImage, FrameInput, PanopticMask, Segment, Sensor, Setup};
-use slam::{Config, Slam, Unobserved};
+use slam::{Config, Inline, Slam, Unobserved};
 use slam_math::{FrameId, Rng, Stamp};
 use slam_vision::{Camera, Distortion, GrayImage, Workspace};
 
@@ -67,7 +67,7 @@ fn write(path: &Path) -> Vec<u8> {
     for index in 0..FRAMES {
         let input = frame(index);
         let observation = Arc::new(slam.front_end().observe(&input, &mut workspace).unwrap());
-        let report = slam.step(&input, observation, &mut Unobserved).unwrap();
+        let report = slam.step(&input, observation, &mut Inline, &mut Unobserved).unwrap();
         inspector.frame(&input, None, &report, slam.map()).unwrap();
     }
     let pose = |p: slam::TrajectoryPose| StampedPose {
@@ -93,7 +93,7 @@ fn a_depth_picture_of_the_wrong_size_is_refused() {
     let mut slam = Slam::new(&Config::default(), &setup()).unwrap();
     let mut input = frame(0);
     let observation = Arc::new(slam.front_end().observe(&input, &mut Workspace::default()).unwrap());
-    let report = slam.step(&input, observation, &mut Unobserved).unwrap();
+    let report = slam.step(&input, observation, &mut Inline, &mut Unobserved).unwrap();
     let short = DepthImage { width: WIDTH, height: HEIGHT, units: vec![0; 10], metres_per_unit: 0.001 };
     input.depth = Some(Arc::new(short));
     let mut inspector = Inspector::create(&dir.path().join("run.rrd"), "wall", &setup(), false).unwrap();

@@ -66,6 +66,8 @@ sections! {
         keyframes: KeyframeConfig,
         /// Local mapping.
         mapping: MappingConfig,
+        /// Background jobs.
+        jobs: JobsConfig,
         /// After the track is lost.
         relocalization: RelocalizationConfig,
         /// The panoptic filter.
@@ -214,6 +216,12 @@ sections! {
         ba_iterations: usize,
         /// Evidence of being gone after which a point is removed, frames.
         max_doubts: u32,
+    }
+
+    /// Background jobs: how many frames after its submission the result of a job takes effect.
+    JobsConfig {
+        /// Local mapping.
+        mapping_lag_frames: u32,
     }
 
     /// After the track is lost.

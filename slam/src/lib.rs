@@ -30,5 +30,8 @@ pub mod tracking;
 
 pub use config::{Config, ConfigError};
 pub use input::{Category, DepthImage, FrameInput, PanopticMask, Segment, Sensor, Setup};
-pub use pipeline::{FrontEnd, Observer, Slam, SlamError, TrajectoryPose, Unobserved, Work};
+pub use pipeline::{
+    Executor, FrontEnd, Inline, Job, JobKind, JobResult, Observer, Slam, SlamError, Ticket, TrajectoryPose, Unobserved,
+    Work,
+};
 pub use report::FrameReport;

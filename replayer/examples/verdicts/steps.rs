@@ -6,7 +6,8 @@ use std::sync::Arc;
 use replayer::log::{DecodedFrame, Log, MaskPixels, decode};
 use schemas::calibration::Distortion as Lens;
 use slam::{
-    Category, Config, DepthImage, FrameInput, FrameReport, PanopticMask, Segment, Sensor, Setup, Slam, Unobserved,
+    Category, Config, DepthImage, FrameInput, FrameReport, Inline, PanopticMask, Segment, Sensor, Setup, Slam,
+    Unobserved,
 };
 use slam_math::{FrameId, Stamp};
 use slam_vision::{Camera, Distortion, Workspace, gray_from_rgb};
@@ -35,7 +36,7 @@ pub fn for_each_report(log: &Path, config: &Config, each: Each<'_>) -> Result<()
         let frame = decode(&raw?, &model)?;
         let (stamp, input) = (frame.stamp, input(frame)?);
         let observation = slam.front_end().observe(&input, &mut workspace)?;
-        let report = slam.step(&input, Arc::new(observation), &mut Unobserved)?;
+        let report = slam.step(&input, Arc::new(observation), &mut Inline, &mut Unobserved)?;
         each(&report, size).map_err(|error| format!("picture {} at {stamp} s: {error}", report.id))?;
     }
     Ok(())

@@ -62,7 +62,7 @@ pub(super) fn drive(
     for_each_frame(source, &front_end, threads, &mut |prepared| {
         clock.frame(prepared.decode_time, prepared.features_time);
         let (input, observation) = (&prepared.input, prepared.observation.clone());
-        let mut report = pool.run(|| slam.step(input, observation, &mut clock))?;
+        let mut report = pool.run(|| slam.step(input, observation, &mut slam::Inline, &mut clock))?;
         report.events.splice(0..0, prepared.events.iter().cloned());
         tally.frame(&report);
         let entry = FrameEntry::from(&report);
@@ -70,6 +70,7 @@ pub(super) fn drive(
         progress(tally.result.frames, source.range.len());
         Ok(complete)
     })?;
+    slam.settle(&mut slam::Inline)?;
     Ok(complete.then(|| tally.finish(&slam, clock, threads)))
 }
 

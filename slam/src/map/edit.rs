@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use slam_math::{DigestWriter, FrameId, KeyFrameId, MapId, MapPointId, Se3};
 
-use super::{KeyFrame, Map, MapPoint, Sighting, point};
+use super::{Appearance, KeyFrame, Map, MapPoint, Sighting};
 use crate::report::KeypointClass;
 
 /// A point to be added, with the observation that made it.
@@ -47,9 +47,8 @@ pub enum MapEdit {
     CountSight(MapPointId, bool),
     /// Sets the doubt counter of a point.
     SetDoubts(MapPointId, u32),
-    /// Recomputes descriptor and normal of a point from its observations and sets the distances in metres between
-    /// which it can be recognised.
-    Refresh(MapPointId, [f64; 2]),
+    /// Sets what a point looks like, see [`Map::appearance`].
+    Refresh(MapPointId, Appearance),
     /// Recomputes the covisibility edges of a keyframe.
     Connect(KeyFrameId),
     /// Removes a point.
@@ -92,7 +91,9 @@ impl Map {
                 p.found += u32::from(*found);
             }),
             MapEdit::SetDoubts(id, doubts) => self.with_point(*id, |p| p.doubts = *doubts),
-            MapEdit::Refresh(id, range_m) => self.refresh(*id, *range_m),
+            MapEdit::Refresh(id, appearance) => self.with_point(*id, |p| {
+                (p.descriptor, p.normal, p.range_m) = (appearance.descriptor, appearance.normal, appearance.range_m);
+            }),
             MapEdit::Connect(id) => self.connect(*id),
             MapEdit::CullPoint(id) => self.cull_point(*id),
             MapEdit::CullKeyFrame(id) => self.remove_keyframe(*id),
@@ -202,26 +203,6 @@ impl Map {
         true
     }
 
-    fn refresh(&mut self, id: MapPointId, range_m: [f64; 2]) -> bool {
-        let Some(p) = self.point(id) else { return false };
-        let seen = p.seen_in.iter().filter_map(|s| self.keyframe(s.keyframe).map(|k| (k, s.index as usize)));
-        let (mut descriptors, mut normal) = (Vec::with_capacity(p.seen_in.len()), Vector3::zeros());
-        for (keyframe, index) in seen {
-            let to_point = p.position - keyframe.center();
-            normal += to_point / to_point.norm();
-            descriptors.push(keyframe.obs.descriptor[index]);
-        }
-        let Some(descriptor) = point::distinctive(&descriptors) else { return false };
-        let length = normal.norm();
-        self.with_point(id, |p| {
-            p.descriptor = descriptor;
-            p.range_m = range_m;
-            if length > 0.0 {
-                p.normal = normal / length;
-            }
-        })
-    }
-
     fn join(&mut self, map: MapId, into: MapId, into_from_map: &Se3) -> bool {
         let map_from_into = into_from_map.inverse();
         let keyframes: Vec<_> = self.keyframes().filter(|k| k.map == map).map(|k| k.id).collect();
@@ -265,6 +246,28 @@ impl MapEdit {
         }
     }
 
+    /// The same edit with the ids of points replaced; none if one of them has no replacement.
+    #[must_use]
+    pub fn renamed(self, now: impl Fn(MapPointId) -> Option<MapPointId>) -> Option<Self> {
+        Some(match self {
+            Self::AddKeyFrame(mut keyframe) => {
+                keyframe.points.iter_mut().for_each(|point| *point = point.and_then(&now));
+                Self::AddKeyFrame(keyframe)
+            }
+            Self::Observe(point, keyframe, index) => Self::Observe(now(point)?, keyframe, index),
+            Self::Unobserve(point, keyframe) => Self::Unobserve(now(point)?, keyframe),
+            Self::MergePoints { keep, drop } => Self::MergePoints { keep: now(keep)?, drop: now(drop)? },
+            Self::SetPosition(id, position) => Self::SetPosition(now(id)?, position),
+            Self::CountSight(id, found) => Self::CountSight(now(id)?, found),
+            Self::SetDoubts(id, doubts) => Self::SetDoubts(now(id)?, doubts),
+            Self::Refresh(id, appearance) => Self::Refresh(now(id)?, appearance),
+            Self::CullPoint(id) => Self::CullPoint(now(id)?),
+            Self::AddPoint(_) | Self::SetPose(..) | Self::Connect(_) | Self::CullKeyFrame(_) | Self::Join { .. } => {
+                self
+            }
+        })
+    }
+
     /// Canonical bytes.
     pub fn digest(&self, w: &mut DigestWriter) {
         w.str(self.name());
@@ -294,9 +297,11 @@ impl MapEdit {
             }
             Self::CountSight(id, found) => [id.0, u32::from(*found)].iter().for_each(|v| w.u32(*v)),
             Self::SetDoubts(id, doubts) => [id.0, *doubts].iter().for_each(|v| w.u32(*v)),
-            Self::Refresh(id, range) => {
+            Self::Refresh(id, appearance) => {
                 w.u32(id.0);
-                w.f64s(range);
+                appearance.descriptor.iter().for_each(|word| w.u64(*word));
+                w.f64s(appearance.normal.as_slice());
+                w.f64s(&appearance.range_m);
             }
             Self::Connect(id) | Self::CullKeyFrame(id) => w.u32(id.0),
             Self::CullPoint(id) => w.u32(id.0),

@@ -2,6 +2,7 @@
 
 mod covisibility;
 mod edit;
+mod editor;
 mod keyframe;
 mod point;
 
@@ -10,8 +11,9 @@ use std::collections::BTreeMap;
 use slam_math::{IdVec, KeyFrameId, MapId, MapPointId, Se3};
 
 pub use edit::{EditCounts, MapEdit, NewPoint};
+pub use editor::{Editor, Journal, Renaming};
 pub use keyframe::KeyFrame;
-pub use point::{MapPoint, Sighting};
+pub use point::{Appearance, MapPoint, Sighting};
 
 /// All maps of a run. Keyframes and points carry the [`MapId`] of the part they belong to; parts have no common frame
 /// until they are joined by [`MapEdit::Join`].
@@ -22,7 +24,7 @@ pub struct Map {
     /// Where a removed keyframe went: its spanning-tree parent and `removed_from_parent`, so that frames that refer to
     /// it keep their place.
     removed: BTreeMap<KeyFrameId, (KeyFrameId, Se3)>,
-    /// Point that a merged point became.
+    /// Point that a merged point became, since [`Map::forget_merges`].
     merged: BTreeMap<MapPointId, MapPointId>,
 }
 
@@ -37,6 +39,19 @@ impl Map {
     #[must_use]
     pub fn point(&self, id: MapPointId) -> Option<&MapPoint> {
         self.points.get(id.index())
+    }
+
+    /// What a job needs of the map: keyframes and points, shared until either side writes. Not where removed keyframes
+    /// and merged points went, which grows with the length of a run.
+    #[must_use]
+    pub fn snapshot(&self) -> Self {
+        let (keyframes, points) = (self.keyframes.clone(), self.points.clone());
+        Self { keyframes, points, removed: BTreeMap::new(), merged: BTreeMap::new() }
+    }
+
+    /// Forgets what merged points became. For when nobody holds ids from before the merges any more.
+    pub fn forget_merges(&mut self) {
+        self.merged.clear();
     }
 
     /// The live point that this id stands for now: itself, or the point it was merged into.

@@ -4,6 +4,8 @@ use nalgebra::Vector3;
 use slam_math::{FrameId, KeyFrameId, MapId, MapPointId};
 use slam_vision::{Descriptor, hamming};
 
+use super::Map;
+use crate::context::Context;
 use crate::report::KeypointClass;
 
 /// One observation of a point by a keyframe.
@@ -15,6 +17,17 @@ pub struct Sighting {
     pub index: u32,
     /// Whether the keypoint has depth.
     pub with_depth: bool,
+}
+
+/// How to recognise a point: fields of [`MapPoint`] that follow from its observations.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Appearance {
+    /// See [`MapPoint::descriptor`].
+    pub descriptor: Descriptor,
+    /// See [`MapPoint::normal`].
+    pub normal: Vector3<f64>,
+    /// See [`MapPoint::range_m`].
+    pub range_m: [f64; 2],
 }
 
 /// A point of the static world.
@@ -68,8 +81,30 @@ impl MapPoint {
     }
 }
 
+impl Map {
+    /// What a point looks like by its observations. The range follows the keyframe that made the point, or the oldest
+    /// that still sees it.
+    pub(super) fn appearance(&self, ctx: &Context, id: MapPointId) -> Option<Appearance> {
+        let point = self.point(id)?;
+        let sighting = point.sighting(point.created_in).or(point.seen_in.first())?;
+        let keyframe = self.keyframe(sighting.keyframe)?;
+        let distance = (point.position - keyframe.center()).norm();
+        let range_m = ctx.range_of(distance, keyframe.obs.octave[sighting.index as usize]);
+        let (mut descriptors, mut normal) = (Vec::with_capacity(point.seen_in.len()), Vector3::zeros());
+        for sighting in &point.seen_in {
+            let keyframe = self.keyframe(sighting.keyframe)?;
+            let to_point = point.position - keyframe.center();
+            normal += to_point / to_point.norm();
+            descriptors.push(keyframe.obs.descriptor[sighting.index as usize]);
+        }
+        let length = normal.norm();
+        let normal = if length > 0.0 { normal / length } else { point.normal };
+        Some(Appearance { descriptor: distinctive(&descriptors)?, normal, range_m })
+    }
+}
+
 /// The descriptor with the least median Hamming distance to the others; the first one wins ties.
-pub(crate) fn distinctive(descriptors: &[Descriptor]) -> Option<Descriptor> {
+fn distinctive(descriptors: &[Descriptor]) -> Option<Descriptor> {
     let median_of = |a: &Descriptor| {
         let mut distances: Vec<u32> = descriptors.iter().map(|b| hamming(a, b)).collect();
         let middle = (distances.len() - 1) / 2;

@@ -4,7 +4,7 @@ use slam_math::{KeyFrameId, MapPointId};
 
 use super::Editor;
 use crate::context::Context;
-use crate::map::MapEdit;
+use crate::map::{MapEdit, Renaming};
 
 /// Points on probation, oldest first.
 #[derive(Debug, Clone, Default)]
@@ -14,6 +14,11 @@ impl YoungPoints {
     /// A point was made.
     pub fn push(&mut self, id: MapPointId) {
         self.0.push(id);
+    }
+
+    /// After a job was applied: its new points have other ids in the live map.
+    pub fn rename(&mut self, renaming: &Renaming) {
+        self.0 = self.0.iter().filter_map(|id| renaming.now(*id)).collect();
     }
 
     /// Removes young points that are seldom found or that no second keyframe sees; the others grow up. `current` is

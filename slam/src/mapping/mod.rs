@@ -2,14 +2,13 @@
 
 mod create;
 mod cull;
-mod editor;
 mod fuse;
 mod local_ba;
 mod triangulate;
 
+pub use crate::map::Editor;
 pub use create::{create_points_from_depth, insert_keyframe};
 pub use cull::YoungPoints;
-pub use editor::Editor;
 
 use slam_math::KeyFrameId;
 

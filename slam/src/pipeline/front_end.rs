@@ -31,6 +31,10 @@ impl FrontEnd {
         &self.ctx
     }
 
+    pub(super) fn shared_context(&self) -> Arc<Context> {
+        Arc::clone(&self.ctx)
+    }
+
     /// Features of a frame with depth and labels. `workspace` only saves allocations.
     ///
     /// # Errors

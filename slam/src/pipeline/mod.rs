@@ -2,9 +2,14 @@
 
 mod doubts;
 mod front_end;
+mod job;
+mod locate;
 mod record;
+mod schedule;
 mod step;
+mod summary;
 mod trajectory;
+mod upkeep;
 
 use std::sync::Arc;
 
@@ -12,6 +17,7 @@ use slam_math::{FrameId, MapId, Se3};
 use slam_vision::{PlaceIndex, VisionError};
 
 pub use front_end::FrontEnd;
+pub use job::{Executor, Inline, Job, JobKind, JobResult, Ticket};
 pub use trajectory::TrajectoryPose;
 
 use crate::config::Config;
@@ -60,6 +66,14 @@ pub enum SlamError {
         /// Width times height.
         expected: usize,
     },
+    /// Whoever ran a background job has failed.
+    #[error("frame {frame}: the result of a {kind} job never came; the thread that ran it has failed")]
+    Job {
+        /// When the result was due.
+        frame: u32,
+        /// Which kind of job.
+        kind: &'static str,
+    },
     /// Frames must come in order.
     #[error("frame {got} came when frame {expected} was due")]
     Order {
@@ -73,6 +87,10 @@ pub enum SlamError {
 /// A piece of work inside a frame, for whoever measures time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Work {
+    /// In the executor: waiting for late jobs, or running them where they are run inline.
+    Jobs,
+    /// Applying the results of jobs.
+    Apply,
     /// Panoptic filter: labels, regions, association.
     Label,
     /// Pose by motion model, reference keyframe or relocalisation.
@@ -81,25 +99,40 @@ pub enum Work {
     Judge,
     /// Local map search and final pose.
     LocalMap,
-    /// Keyframe, local mapping, bundle adjustment.
-    Mapping,
+    /// Doubts, and making a keyframe.
+    Keyframe,
+    /// Making the snapshot for a job.
+    Snapshot,
     /// Digests and report.
     Report,
 }
 
 impl Work {
     /// All pieces in order.
-    pub const ALL: [Self; 6] = [Self::Label, Self::Predict, Self::Judge, Self::LocalMap, Self::Mapping, Self::Report];
+    pub const ALL: [Self; 9] = [
+        Self::Jobs,
+        Self::Apply,
+        Self::Label,
+        Self::Predict,
+        Self::Judge,
+        Self::LocalMap,
+        Self::Keyframe,
+        Self::Snapshot,
+        Self::Report,
+    ];
 
     /// Name for tables.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
+            Self::Jobs => "jobs",
+            Self::Apply => "apply jobs",
             Self::Label => "panoptic label",
             Self::Predict => "predict pose",
             Self::Judge => "panoptic judge",
             Self::LocalMap => "local map",
-            Self::Mapping => "mapping",
+            Self::Keyframe => "keyframe",
+            Self::Snapshot => "snapshot",
             Self::Report => "report",
         }
     }
@@ -124,7 +157,9 @@ pub struct Slam {
     map: Map,
     places: PlaceIndex,
     filter: PanopticFilter,
+    /// Not here while a mapping job has them.
     young: YoungPoints,
+    schedule: schedule::Schedule,
     tracker: Tracker,
     frames: Vec<trajectory::Entry>,
     /// Local map of the frame in work, between tracking and map upkeep.
@@ -159,6 +194,7 @@ impl Slam {
             places: PlaceIndex::new(),
             filter: PanopticFilter::default(),
             young: YoungPoints::default(),
+            schedule: schedule::Schedule::default(),
             tracker: Tracker::default(),
             frames: Vec::new(),
             last_local: None,
@@ -183,19 +219,21 @@ impl Slam {
         self.front_end.context()
     }
 
-    /// Takes the next frame with its observation from [`FrontEnd::observe`].
+    /// Takes the next frame with its observation from [`FrontEnd::observe`]. Background work goes to `executor`; which
+    /// one makes no difference to any result. After the last frame, [`settle`](Self::settle).
     ///
     /// # Errors
-    /// Frames out of order.
+    /// Frames out of order, or an executor that lost a job.
     pub fn step(
         &mut self,
         input: &FrameInput,
         obs: Arc<Observation>,
+        executor: &mut dyn Executor,
         observer: &mut dyn Observer,
     ) -> Result<FrameReport, SlamError> {
         if input.id.index() != self.frames.len() {
             return Err(SlamError::Order { got: input.id.0, expected: self.frames.len() as u32 });
         }
-        Ok(step::Step::new(self, input, obs, observer).run())
+        step::Step::new(self, input, obs, executor, observer).run()
     }
 }

@@ -5,6 +5,7 @@
 mod config;
 mod filter;
 mod filter_selection;
+mod jobs;
 mod joining;
 mod loss;
 mod map;

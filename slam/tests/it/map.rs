@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::{Vector3, Vector6};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
-use slam::map::{KeyFrame, Map, MapEdit, MapPoint, NewPoint};
+use slam::map::{Appearance, Editor, KeyFrame, Map, MapEdit, MapPoint, NewPoint};
 use slam::report::KeypointClass;
 use slam_math::{FrameId, KeyFrameId, MapId, MapPointId, Rng, Se3, Stamp};
 
@@ -49,6 +49,10 @@ pub fn keyframe(map: &Map, part: MapId, points: &[MapPointId]) -> MapEdit {
 pub fn new_point(keyframe: KeyFrameId, index: u32) -> MapEdit {
     let class = KeypointClass::Stuff;
     MapEdit::AddPoint(NewPoint { position: position(index), keyframe, index, frame: FrameId(keyframe.0), class })
+}
+
+pub fn appearance(seed: u32) -> Appearance {
+    Appearance { descriptor: descriptor(seed, 0), normal: position(seed).normalize(), range_m: [0.5, 4.0] }
 }
 
 type Row = (
@@ -152,7 +156,7 @@ fn edit(map: &Map, kind: u32, a: u32, b: u32) -> MapEdit {
         12 | 13 => MapEdit::Connect(keyframe_id),
         14 if !a.is_multiple_of(3) => MapEdit::CullKeyFrame(keyframe_id),
         14 if b.is_multiple_of(5) => MapEdit::Join { map: MapId(1), into: MapId(0), into_from_map: pose(a) },
-        14 => MapEdit::Refresh(point_id, [0.5, 4.0]),
+        14 => MapEdit::Refresh(point_id, appearance(a)),
         _ if a.is_multiple_of(3) => MapEdit::CullPoint(point_id),
         _ => MapEdit::SetDoubts(point_id, a),
     }
@@ -198,4 +202,55 @@ proptest! {
             prop_assert!((0..map.next_keyframe().0).all(|i| map.pose_of(KeyFrameId(i)).is_some()));
         }
     }
+
+    /// A job edits a snapshot while the live map goes on, each with points of its own.
+    #[test]
+    fn a_journal_fits_a_map_that_has_gone_on(
+        before in proptest::collection::vec((0..64u32, 0..1000u32, 0..1000u32), 1..60),
+        job in proptest::collection::vec((2..64u32, 0..1000u32, 0..1000u32), 1..60),
+        meanwhile in proptest::collection::vec((0..64u32, 0..1000u32, 0..1000u32), 0..40),
+    ) {
+        let mut map = Map::default();
+        map.apply(&keyframe(&map, MapId(0), &[]));
+        map.apply(&keyframe(&map, MapId(1), &[]));
+        for (kind, a, b) in before {
+            let edit = edit(&map, kind, a, b);
+            map.apply(&edit);
+        }
+        let (mut snapshot, mut live) = (map.snapshot(), map.clone());
+        let mut editor = Editor::new(&mut snapshot);
+        for (kind, a, b) in job {
+            // Jobs make no keyframes.
+            let edit = edit(editor.map(), kind, a, b);
+            if !matches!(edit, MapEdit::AddKeyFrame(_)) {
+                editor.apply(edit);
+            }
+        }
+        let (journal, _) = editor.finish();
+
+        let same = Editor::new(&mut map).replay(journal.clone());
+        prop_assert_eq!(live_content(&map), live_content(&snapshot), "nothing happened meanwhile");
+        prop_assert!((0..map.next_point().0).all(|id| same.now(MapPointId(id)) == Some(MapPointId(id))));
+
+        for (kind, a, b) in meanwhile {
+            let edit = edit(&live, kind, a, b);
+            live.apply(&edit);
+        }
+        let first_new = live.next_point();
+        let made = journal.edits().iter().filter(|e| matches!(e, MapEdit::AddPoint(_))).count() as u32;
+        let mut editor = Editor::new(&mut live);
+        let renaming = editor.replay(journal);
+        let (replayed, counts) = editor.finish();
+        check(&live);
+        prop_assert_eq!(counts.applied as usize, replayed.edits().len());
+        let first_in_job = map.next_point().0 - made;
+        let renamed = (0..made).filter_map(|i| renaming.now(MapPointId(first_in_job + i)));
+        let expected = (first_new.0..live.next_point().0).map(MapPointId);
+        prop_assert!(renamed.eq(expected), "new points get the next ids, in order");
+    }
+}
+
+/// What a snapshot has as well: all but where removed things went.
+fn live_content(map: &Map) -> Content {
+    Content { poses: Vec::new(), current: Vec::new(), ..content(map) }
 }

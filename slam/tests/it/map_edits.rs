@@ -4,7 +4,7 @@ use slam::map::{Map, MapEdit, NewPoint};
 use slam::report::KeypointClass;
 use slam_math::{FrameId, KeyFrameId, MapId, MapPointId, Se3};
 
-use crate::map::{KEYPOINTS, check, content, keyframe, new_point, pose, position};
+use crate::map::{KEYPOINTS, appearance, check, content, keyframe, new_point, pose, position};
 
 /// Keyframe 0 with a point a keypoint, and `others` keyframes that see all of them.
 fn chain(part: MapId, others: u32, map: &mut Map) -> Vec<KeyFrameId> {
@@ -123,7 +123,7 @@ fn edits_of_the_dead_do_nothing() {
         MapEdit::SetPosition(dead_point, position(2)),
         MapEdit::CountSight(dead_point, true),
         MapEdit::SetDoubts(dead_point, 3),
-        MapEdit::Refresh(dead_point, [1.0, 2.0]),
+        MapEdit::Refresh(dead_point, appearance(1)),
         MapEdit::Connect(dead_keyframe),
         MapEdit::CullPoint(dead_point),
         MapEdit::CullKeyFrame(dead_keyframe),

@@ -6,8 +6,8 @@ use fixtures::{Intrinsics, RenderedFrame, World, WorldConfig};
 use slam::context::Context;
 use slam::observation::Observation;
 use slam::{
-    Category, Config, DepthImage, FrameInput, FrameReport, PanopticMask, Segment, Sensor, Setup, Slam, SlamError,
-    Unobserved,
+    Category, Config, DepthImage, FrameInput, FrameReport, Inline, PanopticMask, Segment, Sensor, Setup, Slam,
+    SlamError, Unobserved,
 };
 use slam_math::{FrameId, Rng, Stamp};
 use slam_vision::{Camera, Descriptor, Distortion, Features, GrayImage, KeypointGrid, Workspace, gray_from_rgb};
@@ -129,11 +129,12 @@ pub fn inputs(world: &WorldConfig, frames: impl IntoIterator<Item = u32>) -> Vec
 
 pub fn feed(slam: &mut Slam, input: &FrameInput) -> Result<FrameReport, SlamError> {
     let obs = slam.front_end().clone().observe(input, &mut Workspace::default())?;
-    slam.step(input, Arc::new(obs), &mut Unobserved)
+    slam.step(input, Arc::new(obs), &mut Inline, &mut Unobserved)
 }
 
 pub fn run(config: &Config, inputs: &[FrameInput]) -> (Slam, Vec<FrameReport>) {
     let mut slam = Slam::new(config, &setup()).unwrap();
     let reports = inputs.iter().map(|input| feed(&mut slam, input).unwrap()).collect();
+    slam.settle(&mut Inline).unwrap();
     (slam, reports)
 }

@@ -1,0 +1,131 @@
+//! Where is the camera? The tracking part of a frame.
+
+use slam_math::{MapId, Se3};
+
+use super::step::Step;
+use super::{JobKind, Work};
+use crate::map::MapEdit;
+use crate::mapping::YoungPoints;
+use crate::panoptic::FrameFilter;
+use crate::tracking::{LocalMap, relocalize, track_local_map, track_motion_model, track_reference};
+
+impl Step<'_> {
+    /// Starts a map at this frame.
+    pub(super) fn initialize(&mut self, filter: &FrameFilter) -> bool {
+        let with_depth =
+            (0..self.frame.obs.len()).filter(|i| self.frame.usable[*i] && self.frame.obs.depth(*i).is_some());
+        let n = with_depth.count() as u32;
+        self.observer.done(Work::Predict);
+        // No keyframe while local mapping is at work: neither expects the other.
+        if n < self.ctx.config.tracking.min_init_keypoints || !self.slam.schedule.is_idle(JobKind::Mapping) {
+            return false;
+        }
+        let map = self.slam.tracker.next_map;
+        self.slam.tracker.next_map = MapId(map.0 + 1);
+        self.slam.tracker.active = map;
+        // Points of the part that was left are off probation: nobody looks at them, and they may be found again.
+        self.slam.young = YoungPoints::default();
+        self.frame.camera_from_world = Se3::identity();
+        self.insert(filter, map);
+        self.counts.inliers = self.frame.match_count();
+        self.event(map.0 > 0, format!("{map} started with {n} keypoints"));
+        true
+    }
+
+    /// The usual frame: prediction, judgement, local map.
+    pub(super) fn track(&mut self, filter: &mut FrameFilter) -> bool {
+        let found = self.predict();
+        self.observer.done(Work::Predict);
+        if found < self.ctx.config.tracking.min_step_inliers {
+            return false;
+        }
+        self.judge(filter);
+        self.track_local()
+    }
+
+    fn predict(&mut self) -> u32 {
+        let Some(last) = self.slam.tracker.last.take() else { return 0 };
+        let (ctx, map, min) = (&self.ctx, &self.slam.map, self.ctx.config.tracking.min_step_inliers);
+        let mut inliers = 0;
+        if let Some(velocity) = self.slam.tracker.velocity {
+            let predicted = velocity * last.camera_from_world;
+            (self.counts.motion_matches, inliers) = track_motion_model(ctx, map, &last, &predicted, &mut self.frame);
+        }
+        if inliers < min
+            && let Some(keyframe) = map.keyframe(last.reference)
+        {
+            self.frame.camera_from_world = last.camera_from_world;
+            (self.counts.motion_matches, inliers) = track_reference(ctx, map, keyframe, &mut self.frame);
+        }
+        self.slam.tracker.last = Some(last);
+        inliers
+    }
+
+    /// Final verdicts under the predicted pose; matches of keypoints that turned out to move are dropped.
+    fn judge(&mut self, filter: &mut FrameFilter) {
+        let (pose, obs) = (self.frame.camera_from_world, self.frame.obs.clone());
+        self.slam.filter.judge(&self.ctx, self.input, &obs, &pose, filter);
+        self.select(filter);
+        for (point, usable) in self.frame.points.iter_mut().zip(&self.frame.usable) {
+            if !usable {
+                *point = None;
+            }
+        }
+        self.observer.done(Work::Judge);
+    }
+
+    fn track_local(&mut self) -> bool {
+        let mut local = LocalMap::around(&self.ctx, &self.slam.map, &self.frame);
+        (self.counts.local_matches, self.counts.inliers) =
+            track_local_map(&self.ctx, &self.slam.map, &mut local, &mut self.frame);
+        self.counts.local_points = local.points.len() as u32;
+        let t = &self.ctx.config.tracking;
+        let recent =
+            self.slam.tracker.relocalized_at.is_some_and(|at| self.frame.id.0 - at.0 < t.recent_relocalization_frames);
+        let needed = if recent { t.min_inliers_after_relocalization } else { t.min_inliers };
+        let ok = self.counts.inliers >= needed;
+        if ok {
+            let reference = local.reference.unwrap_or(self.frame.reference);
+            self.frame.refer_to(reference, &self.slam.map);
+            self.count_sights(local);
+        }
+        self.observer.done(Work::LocalMap);
+        ok
+    }
+
+    fn count_sights(&mut self, local: LocalMap) {
+        let mut found: Vec<_> = self.frame.matches().map(|(_, id)| id).collect();
+        found.sort_unstable();
+        let in_view: Vec<_> = local.in_view.iter().map(|(id, _, _)| *id).collect();
+        self.edit(|_, editor, _| {
+            for id in in_view {
+                editor.apply(MapEdit::CountSight(id, found.binary_search(&id).is_ok()));
+            }
+        });
+        self.slam.last_local = Some(local);
+    }
+
+    /// The track is lost: look for a known place, and start a new map when none is found for long.
+    pub(super) fn recover(&mut self, filter: &mut FrameFilter) -> bool {
+        let r = &self.ctx.config.relocalization;
+        let usable = self.frame.usable.iter().filter(|u| **u).count() as u32;
+        self.slam.tracker.lost_usable_frames += u32::from(usable >= r.min_keypoints);
+        let found = relocalize(&self.ctx, &self.slam.map, &self.slam.places, &mut self.frame, |_| true);
+        self.observer.done(Work::Predict);
+        if let Some(found) = found {
+            self.judge(filter);
+            if !self.track_local() {
+                return false;
+            }
+            self.slam.tracker.active = found.map;
+            self.slam.tracker.relocalized_at = Some(self.frame.id);
+            let lost = self.slam.tracker.lost_frames;
+            self.event(true, format!("found again at {} after {lost} lost frames", found.keyframe));
+            return true;
+        }
+        if self.slam.tracker.lost_usable_frames > r.frames_before_new_map {
+            return self.initialize(filter);
+        }
+        false
+    }
+}

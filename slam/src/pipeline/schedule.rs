@@ -1,0 +1,97 @@
+//! When the results of jobs are applied: a job submitted at frame f takes effect exactly before frame f + lag, on any
+//! machine. With a lag of 0 it takes effect at the end of its own frame: the plain sequential system, by the same code.
+
+use slam_math::{FrameId, KeyFrameId};
+
+use super::job::{Executor, Job, JobKind, JobResult, Outcome, Task, Ticket};
+use super::{Slam, SlamError};
+use crate::map::{EditCounts, Editor, MapEdit};
+use crate::mapping::MappingCounts;
+
+/// Jobs that were submitted and have not been applied, in the order of submission.
+#[derive(Default)]
+pub(super) struct Schedule {
+    in_flight: Vec<InFlight>,
+    next: Ticket,
+}
+
+struct InFlight {
+    ticket: Ticket,
+    kind: JobKind,
+    /// Frame before which the result is applied.
+    due: FrameId,
+    /// When the executor was done at once.
+    result: Option<JobResult>,
+}
+
+impl Schedule {
+    /// Whether no job of a kind is in flight. Asked of this list, never of a thread.
+    pub fn is_idle(&self, kind: JobKind) -> bool {
+        self.in_flight.iter().all(|job| job.kind != kind)
+    }
+
+    pub fn submit(&mut self, job: Job, due: FrameId, executor: &mut dyn Executor) {
+        let (ticket, kind) = (self.next, job.kind());
+        self.next = Ticket(ticket.0 + 1);
+        let result = executor.submit(ticket, job);
+        self.in_flight.push(InFlight { ticket, kind, due, result });
+    }
+
+    /// The oldest job that is due by a frame; waits for it if it is late.
+    pub fn take_due(&mut self, frame: FrameId, executor: &mut dyn Executor) -> Result<Option<JobResult>, SlamError> {
+        let is_due = |job: &InFlight| job.due <= frame || executor.hurry(job.ticket);
+        let Some(at) = self.in_flight.iter().position(is_due) else { return Ok(None) };
+        let InFlight { ticket, kind, result, .. } = self.in_flight.remove(at);
+        let result = result.or_else(|| executor.collect(ticket));
+        result.map(Some).ok_or(SlamError::Job { frame: frame.0, kind: kind.name() })
+    }
+}
+
+/// What the application of a job's result did.
+pub(super) struct Applied {
+    pub edits: Vec<MapEdit>,
+    pub counts: EditCounts,
+    pub mapping: MappingCounts,
+}
+
+impl Slam {
+    /// Local mapping around a keyframe that was made from a frame, and when its result takes effect.
+    pub(super) fn mapping_job(&mut self, keyframe: KeyFrameId, frame: FrameId) -> (Job, FrameId) {
+        let ctx = self.front_end.shared_context();
+        let due = FrameId(frame.0 + JobKind::Mapping.lag(&ctx.config));
+        let young = std::mem::take(&mut self.young);
+        (Job::new(ctx, &self.map, Task::Mapping { keyframe, young }), due)
+    }
+
+    /// Does to the map and its surroundings what a job found.
+    pub(super) fn apply_job(&mut self, result: JobResult) -> Applied {
+        let mut editor = Editor::new(&mut self.map);
+        let renaming = editor.replay(result.journal);
+        let (journal, counts) = editor.finish();
+        let edits = journal.into_edits();
+        for edit in &edits {
+            if let MapEdit::CullKeyFrame(id) = edit {
+                self.places.remove(id.0);
+            }
+        }
+        let mapping = match result.outcome {
+            Outcome::Mapping { mut young, counts } => {
+                young.rename(&renaming);
+                self.young = young;
+                counts
+            }
+        };
+        Applied { edits, counts, mapping }
+    }
+
+    /// Applies what is still in flight. To be called after the last frame, before the map or the trajectory is read.
+    ///
+    /// # Errors
+    /// When the executor lost a job.
+    pub fn settle(&mut self, executor: &mut dyn Executor) -> Result<(), SlamError> {
+        while let Some(result) = self.schedule.take_due(FrameId(u32::MAX), executor)? {
+            self.apply_job(result);
+        }
+        Ok(())
+    }
+}

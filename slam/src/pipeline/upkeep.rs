@@ -1,0 +1,78 @@
+//! What a tracked frame does to the map: doubts, and now and then a keyframe.
+
+use slam_math::{KeyFrameId, MapId};
+
+use super::step::Step;
+use super::{JobKind, doubts};
+use crate::map::MapEdit;
+use crate::mapping::{create_points_from_depth, insert_keyframe};
+use crate::panoptic::FrameFilter;
+use crate::tracking::{keyframe_needed, relocalize};
+
+impl Step<'_> {
+    pub(super) fn insert(&mut self, filter: &FrameFilter, map: MapId) -> (KeyFrameId, u32) {
+        let frame = self.frame.clone();
+        let class = filter.class.clone();
+        let (id, created) = self.edit(|ctx, editor, young| {
+            let id = insert_keyframe(editor, &frame, map);
+            let matched: Vec<_> = frame.matches().map(|(_, id)| id).collect();
+            for point in matched {
+                editor.refresh(ctx, point);
+            }
+            let created = create_points_from_depth(ctx, editor, young, id, &class);
+            editor.apply(MapEdit::Connect(id));
+            (id, created)
+        });
+        if let Some(keyframe) = self.slam.map.keyframe(id) {
+            self.frame.points = keyframe.points.clone();
+            let usable = (0..frame.obs.len()).filter(|i| frame.usable[*i]);
+            let descriptors: Vec<_> = usable.map(|i| frame.obs.descriptor[i]).collect();
+            self.slam.places.add(id.0, &descriptors);
+        }
+        self.frame.refer_to(id, &self.slam.map);
+        self.slam.tracker.last_keyframe = self.frame.id;
+        self.new_keyframe = Some(id);
+        self.counts.points_created += created;
+        (id, created)
+    }
+
+    /// Map upkeep after a tracked frame, and a keyframe when one is due.
+    pub(super) fn map_frame(&mut self, filter: &FrameFilter) {
+        if let Some(local) = self.slam.last_local.take() {
+            let (input, frame) = (self.input, self.frame.clone());
+            self.counts.points_culled +=
+                self.edit(|ctx, editor, _| doubts::doubt_points(ctx, editor, input, filter, &frame, &local));
+        }
+        if self.new_keyframe.is_some() || !self.slam.schedule.is_idle(JobKind::Mapping) {
+            return;
+        }
+        let (map, last_keyframe) = (&self.slam.map, self.slam.tracker.last_keyframe);
+        if keyframe_needed(&self.ctx, map, &self.frame, self.counts.inliers, last_keyframe).is_none() {
+            return;
+        }
+        let (id, _) = self.insert(filter, self.slam.tracker.active);
+        self.join_maps(id);
+        self.mapping_due = Some(id);
+    }
+
+    /// While several parts of the atlas exist, each new keyframe looks for its place in the others; when it is found,
+    /// the active part moves into the other's frame.
+    fn join_maps(&mut self, id: KeyFrameId) {
+        let active = self.slam.tracker.active;
+        if self.slam.tracker.next_map.0 < 2 || self.slam.map.keyframes().all(|k| k.map == active) {
+            return;
+        }
+        let mut probe = self.frame.clone();
+        let found = relocalize(&self.ctx, &self.slam.map, &self.slam.places, &mut probe, |k| k.map != active);
+        let Some(found) = found else { return };
+        let Some(keyframe) = self.slam.map.keyframe(id) else { return };
+        // Both poses are of the same camera at the same time.
+        let into_from_map = probe.camera_from_world.inverse() * keyframe.camera_from_world;
+        let join = MapEdit::Join { map: active, into: found.map, into_from_map };
+        self.edit(|_, editor, _| editor.apply(join));
+        self.slam.tracker.active = found.map;
+        self.frame.update_from(&self.slam.map);
+        self.follow_map();
+        self.event(true, format!("{active} joined {} at {}", found.map, found.keyframe));
+    }
+}
