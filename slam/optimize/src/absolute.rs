@@ -1,7 +1,8 @@
-//! Rigid motion between two point clouds with outliers: three points a sample, refined on what agrees.
+//! Rigid motion or similarity between two point clouds with outliers: three points a sample (Umeyama 1991, Horn 1987),
+//! refined on what agrees.
 
 use nalgebra::Vector3;
-use slam_math::{Rng, Se3, align};
+use slam_math::{Rng, Se3, Sim3, align};
 
 use crate::ransac::samples_needed;
 
@@ -38,13 +39,28 @@ pub fn absolute_orientation_ransac(
     agrees: impl Fn(usize, &Vector3<f64>) -> bool,
     options: &AbsoluteOptions,
 ) -> Option<(Se3, Vec<bool>)> {
+    let agrees = |i: usize, motion: &Sim3| agrees(i, &motion.transform(&source[i]));
+    similarity_ransac(rng, source, target, false, agrees, options).map(|(motion, inlier)| (motion.se3, inlier))
+}
+
+/// As [`absolute_orientation_ransac`], with the scale free where asked for. `agrees(i, target_from_source)` decides whether
+/// pair `i` is an inlier of a similarity.
+#[must_use]
+pub fn similarity_ransac(
+    rng: &mut Rng,
+    source: &[Vector3<f64>],
+    target: &[Vector3<f64>],
+    with_scale: bool,
+    agrees: impl Fn(usize, &Sim3) -> bool,
+    options: &AbsoluteOptions,
+) -> Option<(Sim3, Vec<bool>)> {
     if source.len() != target.len() {
         return None;
     }
     let finite = |p: &Vector3<f64>| p.iter().all(|v| v.is_finite());
     let pairs: Vec<usize> = (0..source.len()).filter(|&i| finite(&source[i]) && finite(&target[i])).collect();
-    let search = Search { source, target, pairs: &pairs, agrees };
-    let mut best: Option<(Se3, Vec<usize>)> = None;
+    let search = Search { source, target, pairs: &pairs, with_scale, agrees };
+    let mut best: Option<(Sim3, Vec<usize>)> = None;
     let mut needed = options.max_iterations;
     let mut drawn = 0;
     while drawn < needed {
@@ -73,23 +89,24 @@ struct Search<'a, F> {
     target: &'a [Vector3<f64>],
     /// Pairs that take part.
     pairs: &'a [usize],
+    with_scale: bool,
     agrees: F,
 }
 
-impl<F: Fn(usize, &Vector3<f64>) -> bool> Search<'_, F> {
-    fn fit(&self, pairs: &[usize]) -> Option<Se3> {
+impl<F: Fn(usize, &Sim3) -> bool> Search<'_, F> {
+    fn fit(&self, pairs: &[usize]) -> Option<Sim3> {
         let source: Vec<_> = pairs.iter().map(|&i| self.source[i]).collect();
         let target: Vec<_> = pairs.iter().map(|&i| self.target[i]).collect();
-        align::umeyama(&source, &target, false).map(|fit| fit.se3).filter(Se3::is_finite)
+        align::umeyama(&source, &target, self.with_scale).filter(Sim3::is_finite)
     }
 
-    fn inliers(&self, model: &Se3) -> Vec<usize> {
-        let agree = |i: &usize| (self.agrees)(*i, &model.transform(&self.source[*i]));
+    fn inliers(&self, model: &Sim3) -> Vec<usize> {
+        let agree = |i: &usize| (self.agrees)(*i, model);
         self.pairs.iter().copied().filter(agree).collect()
     }
 
     /// Fits all inliers again as long as that wins more; the last fit that did not lose any is kept.
-    fn refine(&self, model: Se3, inliers: Vec<usize>) -> (Se3, Vec<usize>) {
+    fn refine(&self, model: Sim3, inliers: Vec<usize>) -> (Sim3, Vec<usize>) {
         let mut best = (model, inliers);
         for _ in 0..LOCAL_STEPS {
             let Some(model) = self.fit(&best.1) else { break };

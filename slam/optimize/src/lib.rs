@@ -7,7 +7,9 @@
 //! * [`sparse`]: block-sparse Cholesky with a fixed elimination order.
 //! * [`pose_graph`]: poses tied by relative poses, rigid or with scale.
 //! * [`triangulate()`]: a point from two rays.
-//! * [`absolute`]: rigid motion between two point clouds with outliers.
+//! * [`absolute`]: rigid motion or similarity between two point clouds with outliers.
+//! * [`similarity`]: the same between two cameras that see what they know: is this the same place?
+//! * [`p3p`]: pose of a camera from points and pixels alone, with outliers.
 //! * [`fundamental`]: two-view epipolar geometry with outliers.
 //! * [`two_view`]: motion and points from two views without depth, the start of a monocular map.
 //!
@@ -20,24 +22,29 @@
 pub mod absolute;
 pub mod bundle;
 pub mod camera;
+mod cubic;
 pub mod fundamental;
 mod gauge;
 mod levenberg;
+pub mod p3p;
 pub mod pose;
 pub mod pose_graph;
 mod ransac;
 pub mod robust;
+pub mod similarity;
 pub mod sparse;
 pub mod triangulate;
 pub mod two_view;
 
-pub use absolute::{AbsoluteOptions, absolute_orientation_ransac};
+pub use absolute::{AbsoluteOptions, absolute_orientation_ransac, similarity_ransac};
 pub use bundle::{BaObservation, BaOptions, BaPose, BaProblem, BaReport, bundle_adjust};
 pub use camera::{DepthCamera, Measurement, Pinhole};
 pub use fundamental::{Fundamental, FundamentalOptions, epipolar_distance, fundamental_ransac, sampson_distance};
+pub use p3p::{absolute_pose_ransac, p3p};
 pub use pose::{PoseObservation, PoseOptions, PoseResult, optimize_pose};
 pub use pose_graph::{Edge, PoseGraph, PoseGraphError, PoseGraphOptions, PoseGraphReport, Vertex, optimize_pose_graph};
 pub use robust::Kernel;
+pub use similarity::{PointPair, SimilarityOptions, SimilarityResult, find_similarity, refine_similarity};
 pub use sparse::{BlockMatrix, BlockPattern, NotPositiveDefinite, SparseCholesky};
 pub use triangulate::triangulate;
 pub use two_view::{TwoViewFailure, TwoViewModel, TwoViewOptions, TwoViewReconstruction, two_view_reconstruction};
