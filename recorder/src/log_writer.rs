@@ -1,5 +1,7 @@
 //! One log file. Bytes depend on the calls alone: every option of the container is pinned here.
 
+mod target;
+
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use mcap::{Attachment, Compression, WriteOptions, Writer};
@@ -9,6 +11,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
+use target::Target;
 
 /// Fixed, so that the same content gives the same bytes whatever the version of the container library.
 const LIBRARY: &str = "panoptic-slam";
@@ -22,11 +25,16 @@ pub struct LogOptions {
     pub force: bool,
     /// Longest stretch of log time that a crash may lose, see [`LogWriter::flush_if_due`]; nanoseconds.
     pub flush_interval_ns: u64,
+    /// Whether chunks are compressed (zstd); without, a recorder saves the time and pays in bytes.
+    pub compress: bool,
+    /// Space that the file owns ahead of its end, bytes, so that a full disk leaves room to close it; 0 = none. See
+    /// [`LogWriter::is_disk_full`].
+    pub ahead_bytes: u64,
 }
 
 impl Default for LogOptions {
     fn default() -> Self {
-        Self { force: false, flush_interval_ns: 1_000_000_000 }
+        Self { force: false, flush_interval_ns: 1_000_000_000, compress: true, ahead_bytes: 0 }
     }
 }
 
@@ -103,8 +111,8 @@ pub struct ChannelId(u16);
 
 /// An open log. Until [`LogWriter::finish`] it stands under `NAME.partial`; what was flushed survives a crash there.
 pub struct LogWriter {
-    writer: Writer<NoSeek<BufWriter<File>>>,
-    file: File,
+    writer: Writer<NoSeek<BufWriter<Target>>>,
+    target: Target,
     path: PathBuf,
     partial: PathBuf,
     /// By topic: its channel and message type.
@@ -141,20 +149,20 @@ impl LogWriter {
         }
         let io_error = |source| WriteError::Io { path: partial.clone(), source };
         let file = File::create(&partial).map_err(io_error)?;
-        let handle = file.try_clone().map_err(io_error)?;
+        let target = Target::new(file, options.ahead_bytes);
         let writer = WriteOptions::new()
             .profile("ros2")
             .library(LIBRARY)
-            .compression(Some(Compression::Zstd))
+            .compression(options.compress.then_some(Compression::Zstd))
             .compression_level(COMPRESSION_LEVEL)
             .compression_threads(0)
             .chunk_size(Some(CHUNK_BYTES))
             .disable_seeking(true)
-            .create(NoSeek::new(BufWriter::new(file)))
+            .create(NoSeek::new(BufWriter::new(target.clone())))
             .map_err(|source| WriteError::Container { path: partial.clone(), source })?;
         Ok(Self {
             writer,
-            file: handle,
+            target,
             path: path.to_owned(),
             partial,
             channels: BTreeMap::new(),
@@ -199,14 +207,30 @@ impl LogWriter {
         if let Some(last) = self.last_stamp.filter(|last| stamp < *last) {
             return Err(WriteError::OutOfOrder { topic: topic.to_owned(), stamp, last });
         }
-        let log_time = u64::try_from(stamp.0).map_err(|_| schemas::StampError::NotRosTime(stamp.0))?;
         let channel = self.open_topic::<M>(topic, BTreeMap::new())?;
+        self.append(channel, stamp, stamp, &message.encode())?;
+        self.last_stamp = Some(stamp);
+        Ok(())
+    }
+
+    /// Appends an encoded message with any log time: a live recorder's messages come in order of arrival. The caller
+    /// vouches that `data` is a message of the type that `channel` was opened with.
+    ///
+    /// # Errors
+    /// A time below zero, or the file system refuses.
+    pub fn append(
+        &mut self,
+        channel: ChannelId,
+        log_time: Stamp,
+        publish_time: Stamp,
+        data: &[u8],
+    ) -> Result<(), WriteError> {
+        let time = |stamp: Stamp| u64::try_from(stamp.0).map_err(|_| schemas::StampError::NotRosTime(stamp.0));
+        let (log_time, publish_time) = (time(log_time)?, time(publish_time)?);
         let next = self.next_sequence.entry(channel).or_insert(0);
         let sequence = *next;
         *next = sequence.wrapping_add(1);
-        self.write_raw(channel, sequence, log_time, log_time, &message.encode())?;
-        self.last_stamp = Some(stamp);
-        Ok(())
+        self.write_raw(channel, sequence, log_time, publish_time, data)
     }
 
     /// Closes the chunk and brings it to the disk if `now` is a flush interval after the last time. Importers pass the
@@ -228,8 +252,43 @@ impl LogWriter {
     /// # Errors
     /// The file system refuses.
     pub fn flush(&mut self) -> Result<(), WriteError> {
-        self.writer.flush().map_err(|source| WriteError::Container { path: self.partial.clone(), source })?;
-        self.file.sync_data().map_err(|source| WriteError::Io { path: self.partial.clone(), source })
+        self.close_chunk()?;
+        self.target.file().sync_data().map_err(|source| WriteError::Io { path: self.partial.clone(), source })
+    }
+
+    /// Closes the chunk and hands everything to the operating system: it survives this process, though not a power cut.
+    ///
+    /// # Errors
+    /// The file system refuses.
+    pub fn close_chunk(&mut self) -> Result<(), WriteError> {
+        self.writer.flush().map_err(|source| self.container_error(source))
+    }
+
+    /// Another handle of the file, for a thread that brings it to the disk.
+    ///
+    /// # Errors
+    /// The system has no more handles.
+    pub fn file(&self) -> Result<File, WriteError> {
+        self.target.file().try_clone().map_err(|source| WriteError::Io { path: self.partial.clone(), source })
+    }
+
+    /// Bytes in the file so far. Grows when a chunk is closed.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.target.bytes()
+    }
+
+    /// Whether the file could not own more space ahead, see [`LogOptions::ahead_bytes`]: what is left is enough to close
+    /// the log, so that should be done now.
+    #[must_use]
+    pub fn is_disk_full(&self) -> bool {
+        self.target.is_disk_full()
+    }
+
+    /// The unfinished file.
+    #[must_use]
+    pub fn partial(&self) -> &Path {
+        &self.partial
     }
 
     /// Appends a metadata record with its checksum ([`metadata::seal`]). Closes the current chunk.
@@ -260,12 +319,11 @@ impl LogWriter {
     /// # Errors
     /// The file system refuses; the `.partial` file then stays for `recover`.
     pub fn finish(self) -> Result<u64, WriteError> {
-        let Self { mut writer, file, path, partial, .. } = self;
+        let Self { mut writer, target, path, partial, .. } = self;
         let io_error = |source| WriteError::Io { path: partial.clone(), source };
         writer.finish().map_err(|source| WriteError::Container { path: partial.clone(), source })?;
         writer.into_inner().into_inner().flush().map_err(io_error)?;
-        file.sync_all().map_err(io_error)?;
-        let bytes = file.metadata().map_err(io_error)?.len();
+        let bytes = target.close().map_err(io_error)?;
         fs::rename(&partial, &path).map_err(io_error)?;
         Ok(bytes)
     }
