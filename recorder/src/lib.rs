@@ -3,6 +3,7 @@
 //! - [`LogWriter`]: one MCAP file, crash-safe and byte for byte reproducible.
 //! - [`RgbdLog`]: the same with the project's topics and metadata for a colour-depth camera: what importers, renderers
 //!   and sensors write through.
+//! - [`capture`]: live recording from sensors into a log that loses nothing silently.
 //! - [`mocap`]: motion capture systems as sources of frames, and simulated ones.
 //! - [`import`]: data set folders to logs.
 //! - [`recover`]: a damaged log to a valid one, with a list of what is lost.
@@ -12,6 +13,7 @@
 //! - [`picture`]: PNG and JPEG files at the border of a log.
 
 mod arrival;
+pub mod capture;
 pub mod import;
 mod log_writer;
 pub mod mocap;

@@ -124,6 +124,14 @@ impl Ledger {
         self.counts.iter_mut().for_each(|counts| counts.flushed = counts.written);
     }
 
+    /// The log broke off: what was not flushed is counted as lost by this program.
+    pub fn torn(&mut self) {
+        for counts in &mut self.counts {
+            counts.dropped_host += counts.written - counts.flushed;
+            counts.written = counts.flushed;
+        }
+    }
+
     /// Counts of a stream.
     #[must_use]
     pub fn counts(&self, stream: Stream) -> Counts {
@@ -151,8 +159,7 @@ mod tests {
         ledger.lost(Stream::Color, Cause::Queue, 4);
         ledger.written(Stream::Color);
         ledger.flushed();
-        let counts =
-            Counts { received: 7, written: 1, flushed: 1, dropped_device: 3, dropped_host: 1, restarts: 1 };
+        let counts = Counts { received: 7, written: 1, flushed: 1, dropped_device: 3, dropped_host: 1, restarts: 1 };
         assert_eq!(ledger.counts(Stream::Color), counts);
     }
 }

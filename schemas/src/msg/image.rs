@@ -8,6 +8,8 @@ use std::borrow::Cow;
 pub mod encoding {
     /// Depth: 16-bit unsigned, one channel; 0 = no measurement.
     pub const DEPTH: &str = "16UC1";
+    /// Red, green, blue, 8 bits each.
+    pub const RGB8: &str = "rgb8";
     /// Class ids below 256.
     pub const MONO8: &str = "mono8";
     /// Class or instance ids.

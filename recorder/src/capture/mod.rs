@@ -1,0 +1,39 @@
+//! Live recording: sensors to a log that loses nothing silently.
+//!
+//! ```text
+//! source threads ── Inlet: count, stamp ──▶ lane colour ─▶ encoder ─┐
+//!                                      ├──▶ lane depth ──▶ encoder ─┼─▶ outbox ─▶ one writer ─▶ LogWriter ─▶ syncer
+//!                                      └──▶ lane small ──▶ encoder ─┘
+//! ```
+//!
+//! All queues are bounded. When the disk cannot keep up, the writer holds up the encoders, they their lanes, and a full lane
+//! holds up its source for [`Limits::patience`]; then whole measurements are given up, oldest first, each with a record in
+//! the log. What never reached this program is seen by the streams' counters and recorded as well. [`record()`] runs it all
+//! and gives a [`Verdict`].
+
+mod clock;
+mod disk;
+mod encode;
+mod engine;
+mod inlet;
+mod lane;
+mod latency;
+mod ledger;
+mod outbox;
+mod setup;
+mod source;
+mod stamps;
+mod status;
+mod stream;
+
+pub use clock::{ClockHealth, HostClock, HostTimeline, SystemClock, synchronisation};
+pub use disk::{folder_of, room_bytes};
+pub use engine::{RecordError, RecordOptions, record};
+pub use inlet::{Allowed, EndedBy, Happening, Inlet, Limits, MocapCounts};
+pub use latency::Latency;
+pub use ledger::{Cause, Counts};
+pub use setup::CameraSetup;
+pub use source::{CameraSource, End, MotionCapture, Source};
+pub use stamps::{CameraClock, DeviceTime};
+pub use status::{Status, StreamCounts, StreamStatus, Verdict};
+pub use stream::Stream;

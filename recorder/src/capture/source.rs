@@ -1,0 +1,138 @@
+//! Where measurements come from.
+
+use super::inlet::Inlet;
+use super::setup::CameraSetup;
+use crate::mocap::{Backoff, Link, LinkEvent, MocapSource};
+use crate::realsense::{Camera, CameraError, Sink, State, StreamProfile, Streaming};
+use schemas::msg::level;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How a source's run ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum End {
+    /// It was told to stop.
+    Stopped,
+    /// There is nothing more: the end of a file.
+    Finished,
+    /// It went away, for this reason; it is run again.
+    Lost(String),
+}
+
+/// A sensor or a system of sensors.
+pub trait Source: Send {
+    /// Short name, as `camera`.
+    fn name(&self) -> &'static str;
+
+    /// Hands everything to the inlet until the inlet is stopping, there is nothing more, or the source is lost. After a
+    /// loss it is called again, with growing pauses.
+    fn run(&mut self, inlet: &Inlet) -> End;
+}
+
+/// How often a source that waits looks around.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// A RealSense camera, or a recording that is played as one.
+pub struct CameraSource {
+    /// Opened before the recording starts, so that what is wrong is said at once.
+    opened: Option<(Camera, CameraSetup)>,
+    open: Box<dyn FnMut() -> Result<(Camera, CameraSetup), CameraError> + Send>,
+    /// A playback as fast as it is taken, nothing lost.
+    patient: bool,
+}
+
+impl CameraSource {
+    /// Opens the camera with `open`, which is called again after a loss. `patient`: the source is a file and waits.
+    ///
+    /// # Errors
+    /// Those of `open`.
+    pub fn new(
+        mut open: Box<dyn FnMut() -> Result<(Camera, CameraSetup), CameraError> + Send>,
+        patient: bool,
+    ) -> Result<Self, CameraError> {
+        let opened = Some(open()?);
+        Ok(Self { opened, open, patient })
+    }
+
+    fn start(&mut self, inlet: &Inlet) -> Result<(Camera, Streaming), CameraError> {
+        let (camera, setup) = match self.opened.take() {
+            Some(opened) => opened,
+            None => (self.open)()?,
+        };
+        camera.set_real_time(!self.patient)?;
+        inlet.camera(&setup);
+        let inlet = if self.patient { inlet.patient() } else { inlet.clone() };
+        let sink: Sink = Arc::new(move |sample| inlet.sample(sample));
+        let profiles: Vec<StreamProfile> = setup.streams().into_iter().map(|(_, profile)| profile).collect();
+        let streaming = camera.start(&profiles, &sink)?;
+        Ok((camera, streaming))
+    }
+}
+
+impl Source for CameraSource {
+    fn name(&self) -> &'static str {
+        "camera"
+    }
+
+    fn run(&mut self, inlet: &Inlet) -> End {
+        let (_camera, streaming) = match self.start(inlet) {
+            Ok(started) => started,
+            Err(error) => return End::Lost(error.to_string()),
+        };
+        while !inlet.is_stopping() {
+            std::thread::sleep(LOOK);
+            match streaming.state() {
+                Ok(State::Running) => {}
+                Ok(State::Ended) => return End::Finished,
+                Ok(State::Gone) => return End::Lost("it was unplugged or has reset itself".to_owned()),
+                Err(error) => return End::Lost(error.to_string()),
+            }
+        }
+        End::Stopped
+    }
+}
+
+/// A motion capture system. Connects again by itself.
+pub struct MotionCapture {
+    link: Link,
+    name: Arc<str>,
+}
+
+impl MotionCapture {
+    /// Follows this system.
+    #[must_use]
+    pub fn new(source: Box<dyn MocapSource>) -> Self {
+        let name = source.describe().into();
+        Self { link: Link::new(source, Backoff::default()), name }
+    }
+}
+
+impl Source for MotionCapture {
+    fn name(&self) -> &'static str {
+        "mocap"
+    }
+
+    fn run(&mut self, inlet: &Inlet) -> End {
+        inlet.expect_mocap();
+        let mut refused = false;
+        while !inlet.is_stopping() {
+            match self.link.next(LOOK) {
+                LinkEvent::Idle => {}
+                LinkEvent::Frame(frame) => inlet.mocap(*frame, &self.name),
+                LinkEvent::Connected => {
+                    refused = false;
+                    inlet.mocap_connected();
+                    inlet.event(level::INFO, "mocap.connected", &self.name);
+                }
+                LinkEvent::Lost(error) => inlet.mocap_lost(&error.to_string()),
+                // The first refusal says it all.
+                LinkEvent::Refused { error, .. } if !refused => {
+                    refused = true;
+                    inlet.event(level::WARN, "mocap.refused", &error.to_string());
+                }
+                LinkEvent::Refused { .. } => {}
+            }
+        }
+        End::Stopped
+    }
+}
