@@ -1,6 +1,6 @@
 //! Runs a recording from its first to its last byte.
 
-use super::clock::{ClockHealth, HostClock, HostTimeline, StepWatch, synchronisation};
+use super::clock::{HostClock, HostTimeline, StepWatch, synchronisation};
 use super::disk::{folder_of, room_bytes};
 use super::encode::{Encoded, Encoder};
 use super::inlet::{Allowed, Book, EndedBy, Inlet, Limits, Shared};

@@ -18,6 +18,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+/// Kept in memory for the screen; the log has them all.
+const MAX_HAPPENINGS: usize = 10_000;
+
 /// How a recording ended.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[serde(tag = "kind", content = "what", rename_all = "snake_case")]
@@ -56,8 +59,6 @@ pub(super) struct Shared {
     pub clock: Arc<dyn HostClock>,
     pub host: HostTimeline,
     pub encoder: Encoder,
-    /// How long a source that cannot wait waits for room.
-    pub patience: Duration,
     pub allowed: Allowed,
     pub color: Lane<Measurement>,
     pub depth: Lane<Measurement>,
@@ -295,7 +296,6 @@ impl Shared {
             clock,
             host,
             encoder,
-            patience: limits.patience,
             allowed,
             color: Lane::new(limits.video_bytes),
             depth: Lane::new(limits.video_bytes),
@@ -343,7 +343,10 @@ impl Shared {
             let entry = LogEntry { stamp: time, level, name: name.clone(), msg: text.clone(), ..LogEntry::default() };
             self.write(vec![Encoded::new(topics::EVENTS, stamp, Stamp(moment.realtime_ns), &entry)]);
         }
-        self.book().happenings.push(Happening { stamp, level, name, text });
+        let mut book = self.book();
+        if book.happenings.len() < MAX_HAPPENINGS {
+            book.happenings.push(Happening { stamp, level, name, text });
+        }
     }
 
     /// This program lost a measurement.
