@@ -48,16 +48,16 @@ pub(super) fn encode_all(lane: &Lane<Measurement>, shared: &Shared) {
         let item = Item::Measured { stream, counter, arrival_ns, messages };
         // The disk is slower: the encoder waits, its lane fills, and the lane gives up the oldest.
         for lost in shared.outbox.push(item, weight, Wait::Forever) {
-            shared.unwritten(lost);
+            shared.unwritten(&lost);
         }
     }
 }
 
 impl Shared {
     /// An item that the log did not take.
-    fn unwritten(&self, item: Item) {
+    fn unwritten(&self, item: &Item) {
         if let Item::Measured { stream, counter, .. } = item {
-            let loss = self.book().ledger.lost(stream, Cause::Disk, counter);
+            let loss = self.book().ledger.lost(*stream, Cause::Disk, *counter);
             self.record_loss(loss);
         }
     }
@@ -89,7 +89,7 @@ impl Scribe<'_> {
                 self.shared.end(EndedBy::WriteFailed(error.to_string()));
                 self.shared.book().ledger.torn();
                 for item in self.shared.outbox.abandon() {
-                    self.shared.unwritten(item);
+                    self.shared.unwritten(&item);
                 }
                 None
             }
@@ -131,7 +131,7 @@ impl Scribe<'_> {
             Item::Messages(messages) | Item::Measured { messages, .. } => messages,
         };
         if let Err(error) = append(log, messages) {
-            self.shared.unwritten(item);
+            self.shared.unwritten(&item);
             return Err(error);
         }
         if log.bytes() != bytes {

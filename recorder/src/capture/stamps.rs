@@ -49,7 +49,7 @@ impl CameraClock {
         if header.domain != TimestampDomain::GlobalTime || !is_time(header.timestamp_ms) {
             return none;
         }
-        let global_ns = (header.timestamp_ms * 1e6) as i64;
+        let global_ns = nanoseconds(header.timestamp_ms);
         let anchor_ns = *self.global_anchor_ns.get_or_insert(arrival.0 - global_ns);
         DeviceTime { stamp: Stamp(global_ns + anchor_ns), ..none }
     }
@@ -66,8 +66,13 @@ fn raw_time(header: &FrameHeader) -> Option<(u8, i64, i64)> {
     if header.domain != TimestampDomain::HardwareClock || !is_time(header.timestamp_ms) {
         return None;
     }
-    let ns = (header.timestamp_ms * 1e6).round() as i64;
+    let ns = nanoseconds(header.timestamp_ms);
     Some((device_clock::TIMESTAMP, ns.div_euclid(1000), ns.rem_euclid(1000)))
+}
+
+/// Whole milliseconds apart: a product of all of them with a million would be rounded to hundreds of nanoseconds.
+fn nanoseconds(ms: f64) -> i64 {
+    ms.floor() as i64 * 1_000_000 + ((ms - ms.floor()) * 1e6).round() as i64
 }
 
 /// Whether a number of milliseconds is a time that nanoseconds in 64 bits can hold.
@@ -102,7 +107,7 @@ mod tests {
         let after = clock.time(&header(StreamKind::Depth, hardware, 2.0, Some(50)), &host);
         assert_eq!(after.stamp.0 - before.stamp.0, 150_000, "across the wrap");
         assert_eq!((after.raw_us, after.time_ns - before.time_ns), (50, 150_000));
-        // An inertial sample has only the library's stamp, of the same counter: 0.1502505 ms after the wrap.
+        // An inertial sample has only the library's stamp, of the same counter: 150.25 us after the wrap.
         let gyro = clock.time(&header(StreamKind::Gyro, hardware, 4_294_967.446_250_5, None), &host);
         assert_eq!((gyro.clock, gyro.raw_us), (device_clock::TIMESTAMP, 4_294_967_446));
         assert_eq!(gyro.stamp.0 - after.stamp.0, 100_250, "{gyro:?}");
