@@ -108,7 +108,7 @@ mod tests {
         assert_eq!(after.stamp.0 - before.stamp.0, 150_000, "across the wrap");
         assert_eq!((after.raw_us, after.time_ns - before.time_ns), (50, 150_000));
         // An inertial sample has only the library's stamp, of the same counter: 150.25 us after the wrap.
-        let gyro = clock.time(&header(StreamKind::Gyro, hardware, 4_294_967.446_250_5, None), &host);
+        let gyro = clock.time(&header(StreamKind::Gyro, hardware, 4_294_967.446_25, None), &host);
         assert_eq!((gyro.clock, gyro.raw_us), (device_clock::TIMESTAMP, 4_294_967_446));
         assert_eq!(gyro.stamp.0 - after.stamp.0, 100_250, "{gyro:?}");
     }
