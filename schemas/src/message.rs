@@ -145,7 +145,7 @@ const DEFINITIONS: &[(&str, &str)] = &[
         "panoptic_slam_msgs/msg/MocapFrame",
         "std_msgs/Header header\nstring source\nint64 frame_number\nint64 hardware_frame\nfloat64 rate\n\
          int64 arrival_monotonic_ns\nint64 arrival_realtime_ns\nint64 source_stamp_ns\n\
-         panoptic_slam_msgs/MocapLatency[] latency\npanoptic_slam_msgs/MocapTimecode[] timecode\n\
+         panoptic_slam_msgs/MocapLatency[] latency\nfloat64 ping_round_trip\nuint32 discarded\npanoptic_slam_msgs/MocapTimecode[] timecode\n\
          panoptic_slam_msgs/MocapBody[] bodies\npanoptic_slam_msgs/MocapMarker[] markers\n",
     ),
     (

@@ -19,6 +19,11 @@ pub struct MocapFrame {
     pub source_stamp_ns: Option<i64>,
     /// Steps of processing since the picture was taken, in order.
     pub latency: Vec<LatencySample>,
+    /// Round trip of the last ping, seconds. It holds the wait for the server's next packet, up to a frame, so half of it
+    /// bounds the network's delay from above.
+    pub ping_round_trip_s: Option<f64>,
+    /// Datagrams since the last frame that were not the protocol (UDP only; elsewhere they end the connection).
+    pub discarded: u32,
     /// SMPTE timecode.
     pub timecode: Option<MocapTimecode>,
     /// Every known segment, occluded ones too.

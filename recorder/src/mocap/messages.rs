@@ -71,6 +71,8 @@ fn to_frame(captured: &MocapFrame, source: &str, header: Header) -> msg::MocapFr
         arrival_realtime_ns: captured.arrival.realtime_ns,
         source_stamp_ns: captured.source_stamp_ns.unwrap_or(NOT_TOLD),
         latency: latency.collect(),
+        ping_round_trip: told(captured.ping_round_trip_s),
+        discarded: captured.discarded,
         timecode: captured.timecode.into_iter().collect(),
         bodies: bodies.collect(),
         markers: markers.collect(),

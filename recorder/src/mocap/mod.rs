@@ -4,10 +4,18 @@
 //! again with growing pauses and tells what happened, so that a recorder can write it down. [`messages`] turns a frame
 //! into what stands in a log.
 
+mod buffer;
+mod convert;
 mod error;
 mod frame;
 mod link;
 mod messages;
+pub mod sim;
+mod tcp;
+pub mod udp;
+pub mod vicon;
+pub mod vrpn;
+pub mod wire;
 
 pub use error::MocapError;
 pub use frame::{LatencySample, MocapBody, MocapFrame, MocapMarker};

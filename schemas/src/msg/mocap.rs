@@ -107,6 +107,11 @@ cdr_struct! {
         pub source_stamp_ns: i64,
         /// Steps of processing since the picture was taken, in order.
         pub latency: Vec<MocapLatency>,
+        /// Round trip of the last ping, seconds, with the wait for the server's next packet in it; [`NOT_TOLD`] if there
+        /// was none.
+        pub ping_round_trip: f64,
+        /// Datagrams since the last frame that were not the protocol.
+        pub discarded: u32,
         /// None or one.
         pub timecode: Vec<MocapTimecode>,
         /// Every known segment, in the system's order, occluded ones too.
