@@ -18,11 +18,10 @@ pub(crate) struct Bilinear {
 impl Bilinear {
     /// Source positions for all `target` pixels of a line resized from `source` pixels (at least 2), centres aligned.
     /// Integer throughout: position (x + 1/2) source / target - 1/2.
-    pub fn line(source: usize, target: usize, out: &mut Vec<Self>) {
+    pub fn line(source: usize, target: usize) -> impl Iterator<Item = Self> {
         let last = source as i64 - 2;
         let denominator = 2 * target as i64;
-        out.clear();
-        out.extend((0..target as i64).map(|x| {
+        (0..target as i64).map(move |x| {
             let numerator = (2 * x + 1) * source as i64 - target as i64;
             let first = numerator.div_euclid(denominator);
             let rest = numerator.rem_euclid(denominator);
@@ -32,7 +31,44 @@ impl Bilinear {
                 first if first > last => Self { first: last as u32, weight_next: 1 << WEIGHT_BITS },
                 first => Self { first: first as u32, weight_next: weight_next as u32 },
             }
-        }));
+        })
+    }
+}
+
+/// Columns of a resized image treated at once.
+const COLUMNS: usize = 8;
+/// Source pixels that these columns may reach over: an image shrinks by at most a factor of two.
+pub(crate) const REACH: usize = 16;
+
+/// Where neighbouring columns of a resized image lie in their source.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct ColumnBlock {
+    /// Source position from which the others count.
+    start: usize,
+    /// Left and right neighbour of each column, as offsets from `start`.
+    offsets: [u8; REACH],
+    /// Their weights, in 1/2048.
+    weights: [i16; REACH],
+}
+
+impl ColumnBlock {
+    /// The blocks of a line resized from `source` pixels (at least [`REACH`]) to `target`, no less than half as many.
+    /// The last block is filled up with its last column.
+    pub fn line(source: usize, target: usize, out: &mut Vec<Self>) {
+        out.clear();
+        let mut columns = Bilinear::line(source, target).peekable();
+        while let Some(first) = columns.peek().copied() {
+            let start = (first.first as usize).min(source - REACH);
+            let mut block = Self { start, offsets: [0; REACH], weights: [0; REACH] };
+            let mut column = first;
+            for (offsets, weights) in block.offsets.as_chunks_mut().0.iter_mut().zip(block.weights.as_chunks_mut().0) {
+                column = columns.next().unwrap_or(column);
+                let left = (column.first as usize - start) as u8;
+                *offsets = [left, left + 1];
+                *weights = [(1 << WEIGHT_BITS) - column.weight_next as i16, column.weight_next as i16];
+            }
+            out.push(block);
+        }
     }
 }
 
@@ -43,23 +79,46 @@ pub(super) fn gray(rgb: &[u8], gray: &mut [u8]) {
     }
 }
 
+/// A row of the source at the columns of the target, times 2048.
 #[inline(always)]
-pub(super) fn resize_row(
-    above: &[u8],
-    below: &[u8],
-    weight_below: u32,
-    columns: &[Bilinear],
-    blend: &mut [u32],
-    out: &mut [u8],
-) {
-    const ONE: u32 = 1 << WEIGHT_BITS;
-    for ((blend, &above), &below) in blend.iter_mut().zip(above).zip(below) {
-        *blend = u32::from(above) * (ONE - weight_below) + u32::from(below) * weight_below;
+pub(super) fn shrink_row(row: &[u8], blocks: &[ColumnBlock], out: &mut [[u32; COLUMNS]]) {
+    for (block, out) in blocks.iter().zip(out) {
+        let pixels = &row[block.start..][..REACH];
+        let pairs = block.offsets.as_chunks::<2>().0.iter().zip(block.weights.as_chunks::<2>().0);
+        for (out, (offsets, weights)) in out.iter_mut().zip(pairs) {
+            let weighed = |k: usize| u32::from(pixels[usize::from(offsets[k])]) * weights[k] as u32;
+            *out = weighed(0) + weighed(1);
+        }
     }
-    for (out, column) in out.iter_mut().zip(columns) {
-        let neighbours = &blend[column.first as usize..][..2];
-        let (left, right) = (neighbours[0], neighbours[1]);
-        let sum = left * (ONE - column.weight_next) + right * column.weight_next;
+}
+
+/// [`shrink_row`] where bytes can be shuffled.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+pub(super) fn shrink_row_avx2(row: &[u8], blocks: &[ColumnBlock], out: &mut [[u32; COLUMNS]]) {
+    use std::arch::x86_64::{
+        __m128i, __m256i, _mm_loadu_si128, _mm_shuffle_epi8, _mm256_cvtepu8_epi16, _mm256_loadu_si256,
+        _mm256_madd_epi16, _mm256_storeu_si256,
+    };
+    for (block, out) in blocks.iter().zip(out) {
+        let pixels: &[u8; REACH] = row[block.start..].first_chunk().expect("blocks end within their row");
+        // SAFETY: unaligned loads of 16, 16 and 32 bytes from arrays of 16 u8, 16 u8 and 16 i16, and a store of 32 bytes
+        // to an array of 8 u32.
+        unsafe {
+            let pixels = _mm_loadu_si128(pixels.as_ptr().cast::<__m128i>());
+            let offsets = _mm_loadu_si128(block.offsets.as_ptr().cast::<__m128i>());
+            let weights = _mm256_loadu_si256(block.weights.as_ptr().cast::<__m256i>());
+            let pairs = _mm256_cvtepu8_epi16(_mm_shuffle_epi8(pixels, offsets));
+            _mm256_storeu_si256(out.as_mut_ptr().cast::<__m256i>(), _mm256_madd_epi16(pairs, weights));
+        }
+    }
+}
+
+/// Blends two rows from [`shrink_row`] to pixels.
+#[inline(always)]
+pub(super) fn blend_rows(above: &[u32], below: &[u32], weight_below: u32, out: &mut [u8]) {
+    for ((out, above), below) in out.iter_mut().zip(above).zip(below) {
+        let sum = above * ((1 << WEIGHT_BITS) - weight_below) + below * weight_below;
         *out = ((sum + (1 << (2 * WEIGHT_BITS - 1))) >> (2 * WEIGHT_BITS)) as u8;
     }
 }

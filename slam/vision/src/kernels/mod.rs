@@ -1,5 +1,5 @@
-//! The loops that touch every pixel or descriptor, each written once and compiled twice: for any x86-64 CPU and for
-//! CPUs with AVX2 and popcnt. They compute with integers, which are exact; the one float step, turning the pattern of a
+//! The loops that touch every pixel or descriptor, each written once (but one) and compiled twice: for any x86-64 CPU and
+//! for CPUs with AVX2 and popcnt. They compute with integers, which are exact; the one float step, turning the pattern of a
 //! descriptor, is plain products and sums, which the compiler never fuses. So both versions give the same bits.
 
 mod bits;
@@ -9,7 +9,7 @@ mod patch;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use filter::Bilinear;
+pub(crate) use filter::{Bilinear, ColumnBlock, REACH};
 pub(crate) use patch::{Moments, PATCH_MARGIN};
 
 use crate::{Descriptor, Nearest};
@@ -64,9 +64,8 @@ macro_rules! dispatch {
 dispatch! {
     /// Brightness of interleaved RGB pixels; `rgb` holds three bytes for each of `gray`.
     fn gray(rgb: &[u8], gray: &mut [u8]) = filter::gray;
-    /// One row of a bilinearly resized image, from the two source rows around it.
-    fn resize_row(above: &[u8], below: &[u8], weight_below: u32, columns: &[Bilinear], blend: &mut [u32], out: &mut [u8])
-        = filter::resize_row;
+    /// Two rows of an image that has been shrunk along x, blended to a row of pixels.
+    fn blend_rows(above: &[u32], below: &[u32], weight_below: u32, out: &mut [u8]) = filter::blend_rows;
     /// 7 x 7 Gaussian blur with standard deviation 2 of a `width`-wide image; `padded` is scratch.
     fn blur(image: &[u8], width: usize, padded: &mut Vec<u8>, out: &mut [u8]) = filter::blur;
     /// FAST-9 scores of a rectangle.
@@ -87,4 +86,17 @@ dispatch! {
     /// The two descriptors nearest to one, among some of many.
     fn nearest_two(query: &Descriptor, descriptors: &[Descriptor], indices: &[u32]) -> [Nearest; 2]
         = bits::nearest_two;
+}
+
+impl Kernels {
+    /// A row of an image shrunk along x. The compiler does not find the byte shuffle that this is made for, so here the
+    /// wide version is written by hand.
+    pub(crate) fn shrink_row(self, row: &[u8], blocks: &[ColumnBlock], out: &mut [[u32; 8]]) {
+        #[cfg(target_arch = "x86_64")]
+        if self.wide {
+            // SAFETY: `wide` is only ever set by `detect`, which found AVX2 on this CPU.
+            return unsafe { filter::shrink_row_avx2(row, blocks, out) };
+        }
+        filter::shrink_row(row, blocks, out);
+    }
 }

@@ -107,14 +107,19 @@ proptest! {
 
     #[test]
     fn resize_interpolates_between_pixel_centres(
-        width in 2usize..90, target in 1usize..90, weight_below in 0u32..=2048, seed: u64,
+        width in 16usize..90, shrink in 1.0..2.0, weight_below in 0u32..=2048, seed: u64,
     ) {
+        let shrink: f64 = shrink;
+        let target = (width as f64 / shrink).ceil() as usize;
         let (above, below) = (picture(width, 1, 200, seed), picture(width, 1, 200, seed ^ 1));
-        let mut columns = Vec::new();
-        Bilinear::line(width, target, &mut columns);
+        let mut blocks = Vec::new();
+        ColumnBlock::line(width, target, &mut blocks);
         let results = BOTH.map(|kernels| {
-            let (mut blend, mut out) = (vec![0; width], vec![0; target]);
-            kernels().resize_row(&above, &below, weight_below, &columns, &mut blend, &mut out);
+            let mut rows = [vec![[0; 8]; blocks.len()], vec![[0; 8]; blocks.len()]];
+            kernels().shrink_row(&above, &blocks, &mut rows[0]);
+            kernels().shrink_row(&below, &blocks, &mut rows[1]);
+            let mut out = vec![0; target];
+            kernels().blend_rows(rows[0].as_flattened(), rows[1].as_flattened(), weight_below, &mut out);
             out
         });
         prop_assert_eq!(&results[0], &results[1]);

@@ -32,8 +32,8 @@ impl OrbConfig {
         if self.features == 0 || self.features > 1_000_000 {
             return refuse("features", self.features as f64, "1 to 1000000");
         }
-        if !(self.scale_factor > 1.0 && self.scale_factor <= 4.0) {
-            return refuse("scale_factor", self.scale_factor, "above 1 and at most 4");
+        if !(self.scale_factor > 1.0 && self.scale_factor <= 2.0) {
+            return refuse("scale_factor", self.scale_factor, "above 1 and at most 2");
         }
         if !(1..=16).contains(&self.levels) {
             return refuse("levels", self.levels as f64, "1 to 16");

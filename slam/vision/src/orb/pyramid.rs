@@ -1,15 +1,15 @@
 //! The image at ever coarser resolutions.
 
-use crate::kernels::Bilinear;
+use crate::kernels::{Bilinear, ColumnBlock, REACH};
 use crate::{GrayImage, Kernels};
 
 /// Levels 1 and up; level 0 is the image itself.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Pyramid {
     levels: Vec<GrayImage>,
-    columns: Vec<Bilinear>,
-    rows: Vec<Bilinear>,
-    blend: Vec<u32>,
+    columns: Vec<ColumnBlock>,
+    /// Two neighbouring rows of the source, shrunk along x: row y in slot y % 2.
+    shrunk: [Vec<[u32; 8]>; 2],
 }
 
 impl Pyramid {
@@ -18,7 +18,8 @@ impl Pyramid {
         if octave == 0 { base } else { &self.levels[octave - 1] }
     }
 
-    /// Computes level `octave` (at least 1) from the level before it, which must have been asked for already.
+    /// Computes level `octave` (at least 1) from the level before it, which must have been asked for already. Levels
+    /// smaller than [`REACH`] pixels, too small for any patch, come out empty.
     pub fn level(&mut self, kernels: Kernels, base: &GrayImage, octave: usize, scale: f64) -> &GrayImage {
         if self.levels.len() < octave {
             self.levels.push(GrayImage::default());
@@ -28,17 +29,22 @@ impl Pyramid {
         let target = &mut rest[0];
         let size = |base: usize| (base as f64 / scale).round_ties_even() as usize;
         target.reshape(size(base.width), size(base.height), 0);
-        if source.width < 2 || source.height < 2 || target.data.is_empty() {
+        if source.width < REACH || source.height < 2 || target.data.is_empty() {
             target.reshape(0, 0, 0);
             return target;
         }
-        Bilinear::line(source.width, target.width, &mut self.columns);
-        Bilinear::line(source.height, target.height, &mut self.rows);
-        self.blend.resize(source.width, 0);
-        for (row, out) in self.rows.iter().zip(target.data.chunks_exact_mut(target.width)) {
+        ColumnBlock::line(source.width, target.width, &mut self.columns);
+        self.shrunk.iter_mut().for_each(|row| row.resize(self.columns.len(), [0; 8]));
+        let mut ready = 0;
+        let rows = Bilinear::line(source.height, target.height);
+        for (row, out) in rows.zip(target.data.chunks_exact_mut(target.width)) {
             let first = row.first as usize;
-            let (above, below) = (source.row(first), source.row(first + 1));
-            kernels.resize_row(above, below, row.weight_next, &self.columns, &mut self.blend, out);
+            for y in usize::max(first, ready)..first + 2 {
+                kernels.shrink_row(source.row(y), &self.columns, &mut self.shrunk[y % 2]);
+            }
+            ready = first + 2;
+            let [above, below] = [first, first + 1].map(|y| self.shrunk[y % 2].as_flattened());
+            kernels.blend_rows(above, below, row.weight_next, out);
         }
         target
     }
@@ -65,9 +71,10 @@ mod tests {
 
     #[test]
     fn a_line_of_pixels_shrinks_to_nothing() {
-        let base = GrayImage::new(7, 1, 9);
-        let mut pyramid = Pyramid::default();
-        assert!(pyramid.level(Kernels::detect(), &base, 1, 1.2).data.is_empty());
-        assert!(pyramid.level(Kernels::detect(), &base, 2, 1.44).data.is_empty());
+        for base in [GrayImage::new(70, 1, 9), GrayImage::new(15, 40, 9)] {
+            let mut pyramid = Pyramid::default();
+            assert!(pyramid.level(Kernels::detect(), &base, 1, 1.2).data.is_empty());
+            assert!(pyramid.level(Kernels::detect(), &base, 2, 1.44).data.is_empty());
+        }
     }
 }
