@@ -11,20 +11,24 @@ pub(crate) struct LoosePart {
 
 /// The loose part with the smallest first vertex, for vertices `0..held.len()` tied by pairs (all of them below it).
 pub(crate) fn loose_part(held: &[bool], ties: impl Iterator<Item = (usize, usize)>) -> Option<LoosePart> {
-    // The representative of a set is its smallest vertex.
-    let mut parent: Vec<usize> = (0..held.len()).collect();
+    let part_of = representatives(held.len(), ties);
+    let (mut is_held, mut size) = (vec![false; held.len()], vec![0; held.len()]);
+    for (&part, held) in part_of.iter().zip(held) {
+        is_held[part] |= held;
+        size[part] += 1;
+    }
+    let first = (0..held.len()).find(|&v| size[v] > 0 && !is_held[v])?;
+    Some(LoosePart { first, size: size[first] })
+}
+
+/// Per vertex: the smallest vertex that it hangs together with.
+pub(crate) fn representatives(vertices: usize, ties: impl Iterator<Item = (usize, usize)>) -> Vec<usize> {
+    let mut parent: Vec<usize> = (0..vertices).collect();
     for (a, b) in ties {
         let (a, b) = (root(&mut parent, a), root(&mut parent, b));
         parent[a.max(b)] = a.min(b);
     }
-    let (mut is_held, mut size) = (vec![false; held.len()], vec![0; held.len()]);
-    for (vertex, held) in held.iter().enumerate() {
-        let root = root(&mut parent, vertex);
-        is_held[root] |= held;
-        size[root] += 1;
-    }
-    let first = (0..held.len()).find(|&v| size[v] > 0 && !is_held[v])?;
-    Some(LoosePart { first, size: size[first] })
+    (0..vertices).map(|vertex| root(&mut parent, vertex)).collect()
 }
 
 fn root(parent: &mut [usize], mut vertex: usize) -> usize {

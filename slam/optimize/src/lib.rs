@@ -6,6 +6,7 @@
 //! * [`bundle`]: poses and points together, by the Schur complement over the points.
 //! * [`sparse`]: block-sparse Cholesky with a fixed elimination order.
 //! * [`pose_graph`]: poses tied by relative poses, rigid or with scale.
+//! * [`global`]: poses and points of a whole map, by the block-sparse solver.
 //! * [`triangulate()`]: a point from two rays.
 //! * [`absolute`]: rigid motion or similarity between two point clouds with outliers.
 //! * [`similarity`]: the same between two cameras that see what they know: is this the same place?
@@ -25,6 +26,7 @@ pub mod camera;
 mod cubic;
 pub mod fundamental;
 mod gauge;
+pub mod global;
 mod levenberg;
 pub mod p3p;
 pub mod pose;
@@ -40,6 +42,7 @@ pub use absolute::{AbsoluteOptions, absolute_orientation_ransac, similarity_rans
 pub use bundle::{BaObservation, BaOptions, BaPose, BaProblem, BaReport, bundle_adjust};
 pub use camera::{DepthCamera, Measurement, Pinhole};
 pub use fundamental::{Fundamental, FundamentalOptions, epipolar_distance, fundamental_ransac, sampson_distance};
+pub use global::{GlobalBaReport, LoosePose, global_bundle_adjust};
 pub use p3p::{absolute_pose_ransac, p3p};
 pub use pose::{PoseObservation, PoseOptions, PoseResult, optimize_pose};
 pub use pose_graph::{Edge, PoseGraph, PoseGraphError, PoseGraphOptions, PoseGraphReport, Vertex, optimize_pose_graph};

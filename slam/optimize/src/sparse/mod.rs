@@ -10,5 +10,6 @@ mod numeric;
 mod ordering;
 mod symbolic;
 
+pub(crate) use numeric::subtract_product;
 pub use numeric::{BlockMatrix, NotPositiveDefinite, SparseCholesky};
 pub use symbolic::BlockPattern;

@@ -10,6 +10,8 @@ pub struct BlockPattern {
     size: usize,
     /// Sorted pairs (column, row) with row > column.
     pairs: Vec<(u32, u32)>,
+    /// First pair of every column, and the end.
+    starts: Vec<u32>,
 }
 
 impl BlockPattern {
@@ -24,7 +26,14 @@ impl BlockPattern {
         pairs.sort_unstable();
         pairs.dedup();
         assert!(pairs.iter().all(|(_, row)| (*row as usize) < size), "a pair beyond {size} variables");
-        Self { size, pairs }
+        let mut starts = vec![0; size + 1];
+        for &(column, _) in &pairs {
+            starts[column as usize + 1] += 1;
+        }
+        for column in 0..size {
+            starts[column + 1] += starts[column];
+        }
+        Self { size, pairs, starts }
     }
 
     /// Number of variables.
@@ -39,10 +48,14 @@ impl BlockPattern {
         &self.pairs
     }
 
-    /// Position of a pair in [`pairs`](Self::pairs), whichever variable is named first.
+    /// Position of a pair in [`pairs`](Self::pairs), whichever variable is named first; both below
+    /// [`size`](Self::size).
     #[must_use]
     pub fn find(&self, a: u32, b: u32) -> Option<usize> {
-        self.pairs.binary_search(&(a.min(b), a.max(b))).ok()
+        let (column, row) = (a.min(b) as usize, a.max(b));
+        let start = self.starts[column] as usize;
+        let rows = &self.pairs[start..self.starts[column + 1] as usize];
+        rows.binary_search_by_key(&row, |(_, row)| *row).ok().map(|at| start + at)
     }
 }
 

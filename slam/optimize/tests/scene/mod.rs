@@ -109,3 +109,59 @@ pub fn two_views(
         })
         .unzip()
 }
+
+/// Points that a keyframe of [`chain`] brings along.
+pub const POINTS_A_KEYFRAME: usize = 20;
+
+/// A corridor as a ring: keyframes 0.25 m apart that look ahead, points on both walls seen from the next eight keyframes.
+/// With `closed`, the last keyframes see the points of the first. Truth, and a start whose poses have drifted by
+/// `drift_m` a keyframe, points moved along with the keyframe that saw them first.
+pub fn chain(keyframes: usize, drift_m: f64, closed: bool) -> (BaProblem, BaProblem) {
+    let mut rng = Rng::at(12, keyframes as u32, 0, 0);
+    let radius = 0.25 * keyframes as f64 / (2.0 * std::f64::consts::PI);
+    // World to camera: on the ring, looking along its tangent.
+    let pose = |i: usize| {
+        let angle = 2.0 * std::f64::consts::PI * i as f64 / keyframes as f64;
+        let turn = Se3::exp(&Vector6::new(0.0, 0.0, 0.0, 0.0, -angle, 0.0));
+        (turn * Se3 { translation: Vector3::new(radius, 0.0, 0.0), ..Se3::identity() }).inverse()
+    };
+    let poses = (0..keyframes).map(|i| BaPose { camera_from_world: pose(i), fixed: i == 0 }).collect();
+    let mut truth = BaProblem { camera: CAMERA, bf: BF, poses, points: Vec::new(), observations: Vec::new() };
+    let mut first_seen_by = Vec::new();
+    for i in 0..keyframes {
+        for _ in 0..POINTS_A_KEYFRAME {
+            let side = if rng.uniform() < 0.5 { -1.0 } else { 1.0 };
+            let x = Vector3::new(
+                side * (0.8 + 0.4 * rng.uniform()),
+                1.6 * (rng.uniform() - 0.5),
+                2.5 + 1.5 * rng.uniform(),
+            );
+            let point = truth.poses[i].camera_from_world.inverse().transform(&x);
+            let index = truth.points.len() as u32;
+            for view in i..i + 8 {
+                if view >= keyframes && !closed {
+                    break;
+                }
+                let pose = view % keyframes;
+                let x = truth.poses[pose].camera_from_world.transform(&point);
+                let Some(measurement) = measure(&mut rng, &x, !index.is_multiple_of(4), 1.0) else { continue };
+                truth.observations.push(BaObservation { pose: pose as u32, point: index, measurement });
+            }
+            first_seen_by.push(i);
+            truth.points.push(point);
+        }
+    }
+    let mut start = truth.clone();
+    let mut drift = Se3::identity();
+    let mut drifts = vec![drift];
+    for pose in &mut start.poses[1..] {
+        drift = Se3::exp(&twist(&mut rng, drift_m, 0.1 * drift_m)) * drift;
+        drifts.push(drift);
+        pose.camera_from_world = drift * pose.camera_from_world;
+    }
+    for (point, &i) in start.points.iter_mut().zip(&first_seen_by) {
+        *point =
+            start.poses[i].camera_from_world.inverse().transform(&truth.poses[i].camera_from_world.transform(point));
+    }
+    (truth, start)
+}
