@@ -5,9 +5,9 @@
 
 use nalgebra::{Vector3, Vector6};
 use recorder::sync::{
-    HandEye, HandEyeOptions, Offset, OffsetOptions, StampedPose, SyncError, Track, estimate_offset, from_gyro,
-    from_poses, hand_eye,
+    HandEyeOptions, OffsetOptions, StampedPose, SyncError, Track, estimate_offset, from_gyro, from_poses, hand_eye,
 };
+use schemas::sync::{HandEye, Offset};
 use slam_math::float::sin;
 use slam_math::{Rng, Se3};
 
@@ -126,8 +126,9 @@ fn hand_eye_of(recording: &Recording, offset: &Offset) -> Result<HandEye, SyncEr
 
 /// Degrees and metres.
 fn hand_eye_error(found: &HandEye) -> (f64, f64) {
-    let error = found.marker_from_camera().inverse() * marker_from_camera();
-    (error.angle().to_degrees(), (found.marker_from_camera().translation - marker_from_camera().translation).norm())
+    let found = Se3::from_quaternion(found.translation_m, found.rotation_xyzw);
+    let turn = found.inverse() * marker_from_camera();
+    (turn.angle().to_degrees(), (found.translation - marker_from_camera().translation).norm())
 }
 
 #[test]

@@ -8,6 +8,7 @@
 //! - [`Message`]: the trait of all message types in [`msg`], over the CDR codec in [`cdr`].
 //! - [`topics`]: which message stands on which topic, in which frame.
 //! - [`metadata`]: the records that tell units, provenance and repairs, each with a checksum.
+//! - [`sync`]: clocks and frames of a recording: the signals that tell them, the record that keeps them.
 //! - [`alignment`], [`calibration`], [`panoptic`], [`pairing`]: what several rooms must read in the same way.
 
 pub mod alignment;
@@ -19,6 +20,7 @@ pub mod msg;
 pub mod pairing;
 pub mod panoptic;
 mod stamp;
+pub mod sync;
 pub mod topics;
 
 pub use message::{Message, definition};

@@ -46,6 +46,11 @@ pub const DEVICE: &str = "pslam/device";
 /// `STREAM/dropped_host`.
 pub const VERDICT: &str = "pslam/verdict";
 
+/// Clocks, offset to the mocap and hand-eye transform as estimated afterwards, see [`crate::sync::SyncRecord`]; the last one
+/// counts. Keys: `report` (everything, JSON), `method`, and for people `camera_body`, `offset_ns`, `drift_ppm`,
+/// `marker_from_camera` (metres, then quaternion x y z w).
+pub const SYNC: &str = "pslam/sync";
+
 /// Keys of a record under [`CHANNEL_PREFIX`].
 pub mod channel {
     /// Channel id in the file.

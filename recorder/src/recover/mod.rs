@@ -14,6 +14,7 @@ mod window;
 pub use report::{ChannelReport, Damage, RecoverReport};
 
 use crate::log_writer::{ChannelId, LogOptions, LogWriter, RawSchema, WriteError};
+pub(crate) use records::Cursor;
 use records::{ChannelDefinition, Content, SchemaDefinition, Summary};
 use scan::Found;
 use schemas::metadata;

@@ -6,7 +6,7 @@
 //! which a third of bad seconds does not move.
 
 use super::SyncError;
-use serde::{Deserialize, Serialize};
+use schemas::sync::ClockFit;
 use slam_math::float::median_in_place;
 
 /// Time over which the earliest arrival counts, nanoseconds.
@@ -15,36 +15,6 @@ const WINDOW_NS: i64 = 1_000_000_000;
 const MAX_WINDOWS: usize = 1000;
 /// Windows needed for a drift.
 const MIN_WINDOWS: usize = 5;
-
-/// How a device clock runs against the host's monotonic clock.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct ClockFit {
-    /// A moment of the device clock, nanoseconds.
-    pub origin_ns: i64,
-    /// The host's clock at that moment plus the shortest transport there was, nanoseconds.
-    pub host_at_origin_ns: i64,
-    /// By how much a second of the device is longer on the host, parts per million.
-    pub drift_ppm: f64,
-    /// Spread of the windows' earliest arrivals about the line (1.4826 x median absolute deviation), nanoseconds.
-    pub residual_ns: f64,
-    /// Median of the arrivals' delay above the line, nanoseconds.
-    pub delay_p50_ns: f64,
-    /// The longest delay above the line, nanoseconds.
-    pub delay_max_ns: f64,
-    /// Samples that were used.
-    pub samples: usize,
-    /// Seconds between the first and the last of them.
-    pub span_s: f64,
-}
-
-impl ClockFit {
-    /// The host's clock when the device's showed `device_ns`, nanoseconds.
-    #[must_use]
-    pub fn host_ns(&self, device_ns: i64) -> i64 {
-        let since = device_ns - self.origin_ns;
-        self.host_at_origin_ns + since + (since as f64 * self.drift_ppm * 1e-6).round() as i64
-    }
-}
 
 /// Fits `(device, arrival)` pairs in nanoseconds; the device's counter is unwrapped already. Order does not matter.
 ///

@@ -1,9 +1,9 @@
 //! The transform between marker body and camera, from motions of both: `A X = X B` (Tsai and Lenz 1989; the two-step
 //! solution with singular values after Park and Martin 1994).
 
-use super::{Offset, SyncError, Track};
+use super::{SyncError, Track};
 use nalgebra::{Matrix3, Vector3};
-use serde::{Deserialize, Serialize};
+use schemas::sync::{HandEye, Offset};
 use slam_math::{Se3, float};
 
 /// Which motions are used.
@@ -31,35 +31,6 @@ const MIN_MOTIONS: usize = 30;
 const MAX_CONDITION: f64 = 10.0;
 /// Rounds of reweighted least squares.
 const ROUNDS: usize = 10;
-
-/// Where the camera sits on the marker body.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct HandEye {
-    /// Rotation `marker_from_camera` as quaternion x y z w.
-    pub rotation_xyzw: [f64; 4],
-    /// Camera centre in the marker body's frame, metres.
-    pub translation_m: [f64; 3],
-    /// Standard deviation of the rotation about any axis, degrees.
-    pub rotation_sigma_deg: f64,
-    /// Standard deviation of the translation along the worst axis, metres.
-    pub translation_sigma_m: f64,
-    /// Root mean square of the rotation by which motions disagree, degrees.
-    pub rotation_residual_deg: f64,
-    /// Root mean square of the translation by which motions disagree, metres.
-    pub translation_residual_m: f64,
-    /// Ratio of singular values, see [`hand_eye`].
-    pub condition: f64,
-    /// Motions used.
-    pub motions: usize,
-}
-
-impl HandEye {
-    /// `marker_from_camera`, metres.
-    #[must_use]
-    pub fn marker_from_camera(&self) -> Se3 {
-        Se3::from_quaternion(self.translation_m, self.rotation_xyzw)
-    }
-}
 
 /// A motion seen from both sides: `marker_before_from_marker_after` and the same of the camera.
 struct Motion {

@@ -4,12 +4,14 @@
 //!
 //! - [`fit_clock`]: a device clock against the host's, from arrival times;
 //! - [`estimate_offset`]: offset and drift between camera time and mocap time, from angular velocities;
-//! - [`hand_eye`]: the transform between marker body and camera, from relative motions.
+//! - [`hand_eye()`]: the transform between marker body and camera, from relative motions;
+//! - [`solve`]: all of it from the signals of a log, as the record that [`append_record`] puts into the log.
 //!
 //! What the motion does not show is said to be unobservable, with what motion to add. Times are nanoseconds on the
 //! clock of their source; the estimators work in seconds from the first sample, where a double resolves far below a
 //! nanosecond.
 
+mod append;
 mod clock;
 mod correlation;
 mod hand_eye;
@@ -17,12 +19,15 @@ mod offset;
 mod poses;
 mod refine;
 mod signal;
+mod solve;
 
-pub use clock::{ClockFit, fit_clock};
-pub use hand_eye::{HandEye, HandEyeOptions, hand_eye};
-pub use offset::{Offset, OffsetOptions, WindowOffset, estimate_offset};
+pub use append::append_record;
+pub use clock::fit_clock;
+pub use hand_eye::{HandEyeOptions, hand_eye};
+pub use offset::{OffsetOptions, estimate_offset};
 pub use poses::{StampedPose, Track};
 pub use signal::{AngularVelocity, from_gyro, from_poses};
+pub use solve::{SyncOptions, solve};
 
 /// Why nothing can be said.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

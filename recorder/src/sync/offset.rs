@@ -8,7 +8,7 @@ use super::correlation::{Peak, best_lag, grid_step_s, norms};
 use super::refine::{Fit, Model, pairs, refine};
 use super::{AngularVelocity, SyncError};
 use nalgebra::{Matrix3, Vector3};
-use serde::{Deserialize, Serialize};
+use schemas::sync::{Offset, WindowOffset};
 
 /// How to look for the offset.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,67 +36,6 @@ const MIN_LEAD: f64 = 0.02;
 const MIN_SAMPLES: usize = 300;
 /// Shorter recordings tell no drift: 10 s at an offset sigma of 0.1 ms leave 30 ppm.
 const MIN_DRIFT_SPAN_S: f64 = 30.0;
-
-/// Offset between two clocks. `camera = mocap + offset + drift (mocap - reference)`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Offset {
-    /// Mocap time at which the offset holds, nanoseconds.
-    pub reference_ns: i64,
-    /// Camera time at that moment minus mocap time, nanoseconds.
-    pub offset_ns: i64,
-    /// Its standard deviation, nanoseconds.
-    pub offset_sigma_ns: f64,
-    /// Parts per million; 0 when the recording is too short for one.
-    pub drift_ppm: f64,
-    /// Its standard deviation; none when the recording is too short.
-    pub drift_sigma_ppm: Option<f64>,
-    /// Correlation coefficient of the angular speeds at the peak.
-    pub correlation: f64,
-    /// The best coefficient elsewhere.
-    pub rival_correlation: f64,
-    /// Root mean square of the residual angular velocity, rad/s.
-    pub residual_rad_s: f64,
-    /// Root mean square of the angular speed about its mean, rad/s.
-    pub motion_rad_s: f64,
-    /// Rotation from the camera side's sensor (gyroscope or camera) to the marker body, rows joined.
-    pub marker_from_sensor: [f64; 9],
-    /// Bias of that sensor, rad/s in its own frame.
-    pub bias_rad_s: [f64; 3],
-    /// Mocap samples that were used.
-    pub samples: usize,
-    /// The offset looked for anew in pieces: shows whether one line is enough.
-    pub windows: Vec<WindowOffset>,
-}
-
-/// The offset in one piece of the recording.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct WindowOffset {
-    /// First mocap time, nanoseconds.
-    pub start_ns: i64,
-    /// Last mocap time, nanoseconds.
-    pub end_ns: i64,
-    /// Offset minus the line's, nanoseconds.
-    pub deviation_ns: f64,
-    /// Standard deviation, nanoseconds.
-    pub sigma_ns: f64,
-}
-
-impl Offset {
-    /// Camera time of a mocap time, nanoseconds.
-    #[must_use]
-    pub fn camera_ns(&self, mocap_ns: i64) -> i64 {
-        let since = mocap_ns - self.reference_ns;
-        mocap_ns + self.offset_ns + (since as f64 * self.drift_ppm * 1e-6).round() as i64
-    }
-
-    /// Mocap time of a camera time, nanoseconds.
-    #[must_use]
-    pub fn mocap_ns(&self, camera_ns: i64) -> i64 {
-        let first = camera_ns - self.offset_ns;
-        // One step suffices: the drift changes by parts per million of itself.
-        first - (self.camera_ns(first) - camera_ns)
-    }
-}
 
 /// Estimates the offset from the angular velocities of the camera side and of the marker body.
 ///

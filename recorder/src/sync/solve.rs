@@ -1,0 +1,92 @@
+//! Everything that a log's signals tell, as one record.
+
+use super::{
+    AngularVelocity, HandEyeOptions, OffsetOptions, StampedPose, SyncError, Track, estimate_offset, fit_clock,
+    from_gyro, from_poses, hand_eye,
+};
+use schemas::sync::{BodySync, Estimate, PoseSample, Signals, SyncRecord};
+use slam_math::Se3;
+
+/// How to solve.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SyncOptions {
+    /// Clock offset.
+    pub offset: OffsetOptions,
+    /// Hand-eye transform.
+    pub hand_eye: HandEyeOptions,
+    /// The body (`subject/segment`, or the subject alone) that carries the camera; default: the one that agrees best.
+    pub body: Option<String>,
+}
+
+/// The methods, as a log tells them.
+const METHOD: &str = "device clocks: line through the earliest arrival of each second (Theil-Sen); \
+    offset: correlation of angular speeds, then robust least squares over rotation, bias, offset and drift; \
+    hand-eye: AX = XB on motions of 0.75, 1.5 and 3 s, rotation by singular values, translation by robust least squares";
+
+/// Solves for clocks, offset and hand-eye transform. The gyroscope tells the offset if there is one, else the camera
+/// poses do; the hand-eye transform needs camera poses.
+#[must_use]
+pub fn solve(signals: &Signals, options: &SyncOptions) -> SyncRecord {
+    let clocks = signals.arrivals.iter().map(|(stream, pairs)| (stream.clone(), estimate(fit_clock(pairs)))).collect();
+    let camera = track(&signals.camera);
+    let (camera_side, turning) = match signals.gyro.len() {
+        0 => ("camera poses", from_poses(&camera)),
+        _ => ("gyroscope", from_gyro(&signals.gyro)),
+    };
+    let wanted = |name: &&String| {
+        options.body.as_ref().is_none_or(|body| body == *name || name.split_once('/').is_some_and(|(s, _)| s == body))
+    };
+    let names = signals.bodies.keys().filter(wanted);
+    let bodies =
+        names.map(|name| solve_body(name, camera_side, &turning, &camera, signals, options)).collect::<Vec<_>>();
+    let agreement = |body: &BodySync| body.offset.found().map(|offset| offset.correlation);
+    // The first of equals, so that the order of names decides.
+    let best =
+        bodies.iter().filter_map(|b| Some((agreement(b)?, b))).fold(None, |best: Option<(f64, _)>, one| match best {
+            Some(best) if best.0 >= one.0 => Some(best),
+            _ => Some(one),
+        });
+    let camera_body = best.map(|(_, body)| body.body.clone());
+    let program = concat!("pslam ", env!("CARGO_PKG_VERSION")).to_owned();
+    SyncRecord { program, method: METHOD.to_owned(), clocks, bodies, camera_body }
+}
+
+fn solve_body(
+    name: &str,
+    camera_side: &str,
+    turning: &AngularVelocity,
+    camera: &Track,
+    signals: &Signals,
+    options: &SyncOptions,
+) -> BodySync {
+    let marker = track(&signals.bodies[name]);
+    let offset = if turning.time_s.is_empty() {
+        Err(SyncError::TooFew { what: "samples of a gyroscope, or camera poses", found: 0, needed: 1 })
+    } else {
+        estimate_offset(turning, &from_poses(&marker), &options.offset)
+    };
+    let hand_eye = match &offset {
+        Ok(offset) if !camera.poses().is_empty() => estimate(hand_eye(camera, &marker, offset, &options.hand_eye)),
+        Ok(_) => Estimate::Missing("it needs camera poses: `pslam sync LOG` estimates them".to_owned()),
+        Err(_) => Estimate::Missing("it needs the clock offset".to_owned()),
+    };
+    BodySync {
+        body: name.to_owned(),
+        windows: marker.windows(),
+        camera_side: camera_side.to_owned(),
+        offset: estimate(offset),
+        hand_eye,
+    }
+}
+
+fn estimate<T>(result: Result<T, SyncError>) -> Estimate<T> {
+    result.map_or_else(|error| Estimate::Missing(error.to_string()), Estimate::Found)
+}
+
+fn track(samples: &[PoseSample]) -> Track {
+    let pose = |sample: &PoseSample| StampedPose {
+        stamp_ns: sample.stamp_ns,
+        world_from_body: Se3::from_quaternion(sample.translation_m, sample.rotation_xyzw),
+    };
+    Track::new(samples.iter().map(pose).collect())
+}
