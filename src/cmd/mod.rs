@@ -12,6 +12,7 @@ mod recover;
 mod replay;
 mod run_folder;
 mod suite;
+mod sync;
 mod verify;
 
 use crate::Outcome;
@@ -37,6 +38,8 @@ pub enum Command {
     Verify(verify::Verify),
     /// Name the first frame, stage and field that differ between two runs; exit code 1 if any does.
     Diff(diff::Diff),
+    /// Find clock offset, drift and hand-eye transform of a recording; exit code 1 if no marker body fits the camera.
+    Sync(sync::Sync),
     /// Compare a run's trajectory with the ground truth.
     Eval(eval::Eval),
     /// Measure how fast a replay is, stage by stage.
@@ -62,6 +65,7 @@ impl Command {
             Self::Replay(command) => command.run(progress),
             Self::Verify(command) => command.run(progress),
             Self::Diff(command) => command.run(),
+            Self::Sync(command) => command.run(progress),
             Self::Eval(command) => command.run(),
             Self::Bench(command) => command.run(progress),
             Self::Suite(command) => command.run(progress),

@@ -12,6 +12,7 @@ mod decode;
 mod error;
 mod info;
 mod open;
+mod signals;
 mod stream;
 mod timeline;
 
@@ -20,5 +21,6 @@ pub use decode::{DecodeError, DecodedFrame, DepthPixels, MaskPixels, RgbImage, d
 pub use error::LogError;
 pub use info::{AttachmentInfo, GroundTruthInfo, LayerInfo, LogInfo, TopicInfo};
 pub use open::Log;
+pub use signals::read_signals;
 pub use stream::{EncodedImage, FrameStream, RawFrame};
 pub use timeline::{Timeline, TimelineFrame};

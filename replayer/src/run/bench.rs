@@ -9,6 +9,7 @@ use super::drive::drive;
 use super::records::{Block, RecordWriter};
 use super::source::Source;
 use super::{Progress, ReplayOptions, RunError, Timing};
+use crate::eval::Trajectory;
 use crate::log::Log;
 
 /// What a replay cost, and what it came to.
@@ -35,6 +36,17 @@ impl fmt::Display for BenchReport {
         writeln!(f, "{timing}")?;
         write!(f, "fingerprint {fingerprint}")
     }
+}
+
+/// The camera's path as the map says at the end of a replay of which nothing is written. `force` and `rrd` mean nothing
+/// here.
+///
+/// # Errors
+/// As [`super::replay`], but for writing.
+pub fn trajectory(log: &Path, options: &ReplayOptions, progress: Progress<'_>) -> Result<Trajectory, RunError> {
+    let source = Source::new(Log::open(log)?, &options.config, options.layer.as_deref(), options.frames.clone())?;
+    let outcome = drive(&source, options.threads, progress, &mut |_| Ok(true))?;
+    Ok(outcome.expect("the replay is never ended early").trajectory)
 }
 
 /// Replays a log without writing anything; records are made as in a run. `force` and `rrd` mean nothing here.
