@@ -4,12 +4,10 @@
 //! 0.3 degrees and 4 mm; offset 37.3 ms, drift 20 ppm. The limits are those that a user is promised.
 
 use nalgebra::{Vector3, Vector6};
-use recorder::sync::{
-    HandEyeOptions, OffsetOptions, StampedPose, SyncError, Track, estimate_offset, from_gyro, from_poses, hand_eye,
-};
+use recorder::sync::{HandEyeOptions, OffsetOptions, SyncError, estimate_offset, from_gyro, from_poses, hand_eye};
 use schemas::sync::{HandEye, Offset};
 use slam_math::float::sin;
-use slam_math::{Rng, Se3};
+use slam_math::{Rng, Se3, StampedPose, Track};
 
 const OFFSET_NS: i64 = 37_300_000;
 const DRIFT: f64 = 20e-6;

@@ -31,7 +31,9 @@ pub fn read_truth(path: &Path) -> Result<Trajectory, TruthError> {
     let truth = Log::open(path)?.ground_truth().clone();
     if truth.poses.is_empty() {
         let topic = schemas::topics::GROUND_TRUTH;
-        return Err(LogError::missing(path, format!("no ground truth on {topic}; give a text file instead")).into());
+        let what =
+            format!("no ground truth on {topic} and no single mocap body; give a text file, or `pslam sync` the log");
+        return Err(LogError::missing(path, what).into());
     }
     Ok(truth)
 }

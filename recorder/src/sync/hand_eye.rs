@@ -1,10 +1,10 @@
 //! The transform between marker body and camera, from motions of both: `A X = X B` (Tsai and Lenz 1989; the two-step
 //! solution with singular values after Park and Martin 1994).
 
-use super::{SyncError, Track};
+use super::SyncError;
 use nalgebra::{Matrix3, Vector3};
 use schemas::sync::{HandEye, Offset};
-use slam_math::{Se3, float};
+use slam_math::{Se3, Track, float};
 
 /// Which motions are used.
 #[derive(Debug, Clone, PartialEq)]

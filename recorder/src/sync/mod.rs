@@ -16,7 +16,6 @@ mod clock;
 mod correlation;
 mod hand_eye;
 mod offset;
-mod poses;
 mod refine;
 mod signal;
 mod solve;
@@ -25,7 +24,6 @@ pub use append::append_record;
 pub use clock::fit_clock;
 pub use hand_eye::{HandEyeOptions, hand_eye};
 pub use offset::{OffsetOptions, estimate_offset};
-pub use poses::{StampedPose, Track};
 pub use signal::{AngularVelocity, from_gyro, from_poses};
 pub use solve::{SyncOptions, solve};
 

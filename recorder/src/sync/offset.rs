@@ -145,11 +145,8 @@ fn motion(pairs: &[(Vector3<f64>, Vector3<f64>)]) -> f64 {
 
 /// Rotation that turns the second vectors onto the first ones, about their means (Kabsch): a bias does not count.
 fn rotation_between(pairs: &[(Vector3<f64>, Vector3<f64>)]) -> Matrix3<f64> {
-    let n = pairs.len() as f64;
-    let mean = |side: fn(&(Vector3<f64>, Vector3<f64>)) -> Vector3<f64>| {
-        pairs.iter().map(side).fold(Vector3::zeros(), |sum, v| sum + v) / n
-    };
-    let (first, second) = (mean(|pair| pair.0), mean(|pair| pair.1));
+    let sum = pairs.iter().fold((Vector3::zeros(), Vector3::zeros()), |(a, b), pair| (a + pair.0, b + pair.1));
+    let (first, second) = (sum.0 / pairs.len() as f64, sum.1 / pairs.len() as f64);
     let outer =
         pairs.iter().fold(Matrix3::zeros(), |sum: Matrix3<f64>, (a, b)| sum + (a - first) * (b - second).transpose());
     super::hand_eye::nearest_rotation(&outer).unwrap_or_else(Matrix3::identity)

@@ -1,8 +1,8 @@
 //! Angular velocities over time.
 
-use super::{Track, seconds};
+use super::seconds;
 use nalgebra::Vector3;
-use slam_math::Se3;
+use slam_math::{Se3, Track};
 
 /// Half of the time over which an angular velocity is averaged, seconds: short enough for hand-held motion, long enough
 /// for the noise of poses (0.05 degrees over 60 ms are 0.02 rad/s).

@@ -1,11 +1,11 @@
 //! Everything that a log's signals tell, as one record.
 
 use super::{
-    AngularVelocity, HandEyeOptions, OffsetOptions, StampedPose, SyncError, Track, estimate_offset, fit_clock,
-    from_gyro, from_poses, hand_eye,
+    AngularVelocity, HandEyeOptions, OffsetOptions, SyncError, estimate_offset, fit_clock, from_gyro, from_poses,
+    hand_eye,
 };
 use schemas::sync::{BodySync, Estimate, PoseSample, Signals, SyncRecord};
-use slam_math::Se3;
+use slam_math::{Se3, StampedPose, Track};
 
 /// How to solve.
 #[derive(Debug, Clone, PartialEq, Default)]

@@ -109,6 +109,9 @@ pub fn check(path: &Path) -> Result<CheckReport, LogError> {
         Ok(())
     })?;
     checker.summary();
+    if let Err(error) = checker.log.settle_ground_truth() {
+        checker.find(Severity::Error, "sync", error.to_string());
+    }
     checker.frames();
     let (file_bytes, blake3) = (passed.file_bytes, passed.blake3);
     let mut findings: Vec<Finding> = checker.findings.into_values().collect();

@@ -100,6 +100,8 @@ pub struct LayerInfo {
 /// Ground truth.
 #[derive(Debug, Clone, Serialize)]
 pub struct GroundTruthInfo {
+    /// Where it comes from, in words.
+    pub origin: String,
     /// Poses.
     pub poses: usize,
     /// Length of the path, metres.
@@ -169,6 +171,7 @@ impl Log {
         };
         let truth = &self.ground_truth().poses;
         let ground_truth = truth.first().zip(truth.last()).map(|(first, last)| GroundTruthInfo {
+            origin: self.ground_truth_origin().unwrap_or_default().to_owned(),
             poses: truth.len(),
             length_m: self.ground_truth().length_m(),
             frames_within: colors.iter().filter(|c| (first.stamp..=last.stamp).contains(&c.stamp)).count(),
@@ -236,6 +239,7 @@ impl fmt::Display for LogInfo {
                     "ground truth  {poses} poses over {length:.3} m, {within} of {} frames inside",
                     self.frames
                 )?;
+                writeln!(f, "              from {}", t.origin)?;
             }
         }
         if self.layers.is_empty() {

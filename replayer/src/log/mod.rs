@@ -11,6 +11,7 @@ mod container;
 mod decode;
 mod error;
 mod info;
+mod mocap;
 mod open;
 mod signals;
 mod stream;

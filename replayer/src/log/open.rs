@@ -6,10 +6,12 @@ use std::path::{Path, PathBuf};
 use schemas::calibration::CameraModel;
 use schemas::cdr::{Cdr, Reader};
 use schemas::msg::{CameraInfo, Category, CategoryTable, CompressedImage, Header, PoseStamped};
+use schemas::sync::{Signals, SyncRecord};
 use schemas::{Message, Stamp, metadata, topics};
 use slam_math::Se3;
 
 use super::container::{Channel, Event, MessageEvent, Place, scan};
+use super::mocap::{MocapTruth, mocap_truth};
 use super::{AttachmentInfo, LogError};
 use crate::eval::{StampedPose, Trajectory};
 
@@ -47,6 +49,9 @@ pub struct Log {
     pub(crate) first_color_format: Option<String>,
     pub(crate) categories: BTreeMap<String, Vec<Category>>,
     ground_truth: Trajectory,
+    ground_truth_origin: Option<String>,
+    /// Motion capture of a recording.
+    mocap: Signals,
 }
 
 impl Log {
@@ -58,7 +63,7 @@ impl Log {
         let mut log = Self::empty(path);
         let passed = scan(path, &mut |event| log.take(event))?;
         (log.blake3, log.file_bytes) = (passed.blake3, passed.file_bytes);
-        log.ground_truth.poses.sort_by_key(|pose| pose.stamp);
+        log.settle_ground_truth()?;
         Ok(log)
     }
 
@@ -78,7 +83,26 @@ impl Log {
             first_color_format: None,
             categories: BTreeMap::new(),
             ground_truth: Trajectory::default(),
+            ground_truth_origin: None,
+            mocap: Signals::default(),
         }
+    }
+
+    /// Once everything is read: a log's own ground truth, else the mocap's at the pictures' stamps.
+    pub(crate) fn settle_ground_truth(&mut self) -> Result<(), LogError> {
+        self.ground_truth.poses.sort_by_key(|pose| pose.stamp);
+        let signals = std::mem::take(&mut self.mocap);
+        if !self.ground_truth.poses.is_empty() {
+            self.ground_truth_origin = Some(topics::GROUND_TRUTH.to_owned());
+            return Ok(());
+        }
+        let record = self.metadata.get(metadata::SYNC).map(SyncRecord::from_metadata).transpose();
+        let record = record.map_err(|reason| LogError::missing(&self.path, reason))?;
+        let pictures: Vec<Stamp> = self.sorted(topics::COLOR).iter().map(|entry| entry.stamp).collect();
+        if let Some(MocapTruth { trajectory, origin }) = mocap_truth(&signals, record.as_ref(), &pictures) {
+            (self.ground_truth, self.ground_truth_origin) = (trajectory, Some(origin));
+        }
+        Ok(())
     }
 
     /// The file.
@@ -93,10 +117,17 @@ impl Log {
         &self.blake3
     }
 
-    /// Ground truth, `world_from_camera`, in stamp order; empty without any.
+    /// Ground truth, `world_from_camera`, in stamp order; empty without any. A recording's is the mocap's at the pictures'
+    /// stamps, moved by its sync record; pictures in a gap have none.
     #[must_use]
     pub fn ground_truth(&self) -> &Trajectory {
         &self.ground_truth
+    }
+
+    /// Where the ground truth comes from, in words; `None` without any.
+    #[must_use]
+    pub fn ground_truth_origin(&self) -> Option<&str> {
+        self.ground_truth_origin.as_deref()
     }
 
     /// The colour camera, from the first calibration in the log.
@@ -199,6 +230,7 @@ impl Log {
                 self.first_color_format = Some(decoded::<CompressedImage<'_>>(data)?.format);
             }
             topics::GROUND_TRUTH => self.ground_truth.poses.push(true_pose(data)?),
+            topics::MOCAP => self.mocap.take(topics::MOCAP, data).map_err(|error| error.to_string())?,
             topic => {
                 let Some(layer) = topics::layer_of(topic).filter(|_| topic.ends_with("/categories")) else {
                     return Ok(());

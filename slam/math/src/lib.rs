@@ -17,6 +17,7 @@ pub mod par;
 pub mod rng;
 pub mod se3;
 pub mod sim3;
+pub mod track;
 
 pub use digest::{Digest, DigestWriter};
 pub use id::{FrameId, IdVec, KeyFrameId, MapId, MapPointId, Stamp};
@@ -24,3 +25,4 @@ pub use lie::LieGroup;
 pub use rng::Rng;
 pub use se3::Se3;
 pub use sim3::Sim3;
+pub use track::{StampedPose, Track};

@@ -1,6 +1,6 @@
 //! Poses over time, and the only places where they may be interpolated.
 
-use slam_math::{Se3, float};
+use crate::{Se3, float};
 
 /// Where something was at a moment.
 #[derive(Debug, Clone, Copy, PartialEq)]
