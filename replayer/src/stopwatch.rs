@@ -15,6 +15,12 @@ impl Stopwatch {
         Self { last: now() }
     }
 
+    /// How long the stretch has lasted.
+    #[must_use]
+    pub fn elapsed(&self) -> Duration {
+        now() - self.last
+    }
+
     /// Ends a stretch and starts the next one.
     pub fn lap(&mut self) -> Duration {
         let now = now();

@@ -2,12 +2,16 @@
 
 use crate::support::{SMALL_CAMERA, pslam_exits, small_world, text, write_log};
 use replayer::run::{
-    DiffReport, RECORDS_BIN, ReplayOptions, RunSummary, TRAJECTORY_ONLINE_TXT, TRAJECTORY_TXT, diff, replay, verify,
+    DiffReport, RECORDS_BIN, ReplayOptions, RunSummary, TRAJECTORY_ONLINE_TXT, TRAJECTORY_TXT, Unrest, diff, replay,
+    verify,
 };
 use slam::Config;
 use slam::panoptic::CELL_PX;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
 const FRAMES: u32 = 30;
 /// Where the changed log differs.
@@ -33,7 +37,7 @@ fn threads_do_not_matter() {
     let folder = tempfile::tempdir().unwrap();
     let (log, first, summary) = first_run(folder.path());
     assert_eq!((summary.result.frames, summary.result.tracked), (FRAMES as usize, FRAMES as usize));
-    for threads in [1, 2, 4] {
+    for threads in [1, 2, 4, 8] {
         let out = folder.path().join(format!("again-{threads}"));
         assert_eq!(run(&log, &out, threads, Config::default()).fingerprint, summary.fingerprint, "{threads} threads");
         let rrd = cfg!(feature = "rerun").then_some("replay.rrd");
@@ -44,6 +48,52 @@ fn threads_do_not_matter() {
         assert!(diff(&first, &out).unwrap().same());
         assert!(verify(&out, None, threads, &mut |_, _| {}).unwrap().passed());
     }
+}
+
+/// A log with a keyframe, and so a background job, every few frames.
+fn busy_log(folder: &Path) -> PathBuf {
+    let log = folder.join("busy.mcap");
+    let mut world = small_world(FRAMES);
+    world.camera_path.look_amplitude_m.iter_mut().for_each(|metres| *metres *= 4.0);
+    write_log(&world, &log, &mut |_| {});
+    log
+}
+
+/// Sleeps that come out differently every time: whoever comes first takes the next.
+fn unrest(seed: u64, hurry: bool) -> Unrest {
+    let state = AtomicU64::new(seed);
+    let pause = move || {
+        let turn = state.fetch_add(1, Ordering::Relaxed);
+        let micros = turn.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 52;
+        std::thread::sleep(Duration::from_micros(micros));
+    };
+    Unrest { pause: Arc::new(pause), hurry }
+}
+
+#[test]
+fn slow_and_uneven_workers_do_not_matter() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = busy_log(folder.path());
+    let summary = run(&log, &folder.path().join("calm"), 1, Config::default());
+    assert!(summary.result.keyframes >= 5, "{} keyframes are too few to test jobs", summary.result.keyframes);
+    for (threads, seed) in [(1, 1), (2, 2), (3, 3), (4, 4), (8, 5), (2, 6)] {
+        let options = ReplayOptions { threads, unrest: Some(unrest(seed, false)), ..ReplayOptions::default() };
+        let again = replay(&log, &folder.path().join(seed.to_string()), &options, &mut |_, _| {}).unwrap();
+        assert_eq!(again.fingerprint, summary.fingerprint, "{threads} threads, seed {seed}");
+    }
+}
+
+#[test]
+fn results_applied_when_they_are_ready_are_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = busy_log(folder.path());
+    let config = Config::from_toml("[jobs]\nmapping_lag_frames = 6").unwrap();
+    let (calm, hurried) = (folder.path().join("calm"), folder.path().join("hurried"));
+    let summary = run(&log, &calm, 2, config.clone());
+    let options = ReplayOptions { threads: 2, config, unrest: Some(unrest(1, true)), ..ReplayOptions::default() };
+    let other = replay(&log, &hurried, &options, &mut |_, _| {}).unwrap();
+    assert_ne!(other.fingerprint, summary.fingerprint);
+    assert!(!diff(&calm, &hurried).unwrap().same());
 }
 
 #[test]

@@ -57,7 +57,7 @@ pub fn bench(log: &Path, options: &ReplayOptions, progress: Progress<'_>) -> Res
     let source = Source::new(Log::open(log)?, &options.config, options.layer.as_deref(), options.frames.clone())?;
     let mut writer = RecordWriter::default();
     writer.block(&Block::Header(source.header()));
-    let outcome = drive(&source, options.threads, progress, &mut |stepped| {
+    let outcome = drive(&source, options.threads, options.unrest.as_ref(), progress, &mut |stepped| {
         writer.block(&Block::Frame(stepped.entry.clone()));
         Ok(true)
     })?;

@@ -2,19 +2,22 @@
 
 use std::collections::BTreeMap;
 use std::ops::Range;
+use std::sync::Arc;
 
 use slam::report::{Event, TrackingState};
-use slam::{FrameReport, Slam, TrajectoryPose};
-use slam_math::par::Pool;
+use slam::{FrameReport, FrontEnd, Slam, TrajectoryPose};
 use slam_math::{FrameId, MapId};
+use slam_vision::Workspace;
 
-use super::ahead::{Prepared, for_each_frame};
 use super::records::{FrameEntry, RunEnd, digest_of};
 use super::source::Source;
 use super::summary::{MapFrames, RunEvent, RunResult};
 use super::timing::{Clock, Timing};
+use super::workers::{FrameTask, Prepared, Unrest, with_workers};
 use super::{Progress, RunError};
 use crate::eval::{StampedPose, Trajectory};
+use crate::log::RawFrame;
+use crate::stopwatch::Stopwatch;
 
 /// Events kept with their text; the rest is counted.
 const MAX_EVENTS: usize = 1000;
@@ -48,30 +51,51 @@ impl Outcome {
 pub(super) fn drive(
     source: &Source,
     threads: usize,
+    unrest: Option<&Unrest>,
     progress: Progress<'_>,
     each: &mut dyn FnMut(&Stepped<'_>) -> Result<bool, RunError>,
 ) -> Result<Option<Outcome>, RunError> {
-    let threads = threads.max(1);
-    let pool = Pool::new(threads).map_err(RunError::Threads)?;
+    let mut clock = Clock::start();
     let mut slam = Slam::new(&source.config, &source.setup)?;
     let front_end = slam.front_end().clone();
     let mut tally = Tally::default();
     source.notes.iter().for_each(|note| tally.event(None, note));
-    let mut clock = Clock::start();
-    let mut complete = true;
-    for_each_frame(source, &front_end, threads, &mut |prepared| {
-        clock.frame(prepared.decode_time, prepared.features_time);
-        let (input, observation) = (&prepared.input, prepared.observation.clone());
-        let mut report = pool.run(|| slam.step(input, observation, &mut slam::Inline, &mut clock))?;
-        report.events.splice(0..0, prepared.events.iter().cloned());
-        tally.frame(&report);
-        let entry = FrameEntry::from(&report);
-        complete = each(&Stepped { prepared: &prepared, report: &report, entry, slam: &slam })?;
-        progress(tally.result.frames, source.range.len());
-        Ok(complete)
-    })?;
-    slam.settle(&mut slam::Inline)?;
-    Ok(complete.then(|| tally.finish(&slam, clock, threads)))
+    let mut feed = source.timeline.stream(source.range.clone())?.map(|raw| {
+        let (raw, front_end) = (raw?, &front_end);
+        Ok(Box::new(move |workspace: &mut Workspace| prepare(source, front_end, raw, workspace)) as FrameTask<'_>)
+    });
+    with_workers(threads, unrest, &mut feed, |foreman| {
+        while let Some(prepared) = foreman.next_frame()? {
+            clock.frame(prepared.decode_time, prepared.features_time);
+            let (input, observation) = (&prepared.input, prepared.observation.clone());
+            let mut report = slam.step(input, observation, foreman, &mut clock)?;
+            clock.frame_done();
+            report.events.splice(0..0, prepared.events.iter().cloned());
+            tally.frame(&report);
+            let entry = FrameEntry::from(&report);
+            if !each(&Stepped { prepared: &prepared, report: &report, entry, slam: &slam })? {
+                return Ok(None);
+            }
+            progress(tally.result.frames, source.range.len());
+        }
+        slam.settle(foreman)?;
+        let timing = clock.finish(threads, &foreman.job_times);
+        Ok(Some(tally.finish(&slam, timing)))
+    })
+}
+
+fn prepare(
+    source: &Source,
+    front_end: &FrontEnd,
+    raw: RawFrame,
+    workspace: &mut Workspace,
+) -> Result<Prepared, RunError> {
+    let mut watch = Stopwatch::start();
+    let (input, events) = source.input(&raw)?;
+    let decode_time = watch.lap();
+    let observation = Arc::new(front_end.observe(&input, workspace)?);
+    let features_time = watch.lap();
+    Ok(Prepared { input, observation, color: raw.color, events, decode_time, features_time })
 }
 
 /// What is counted on the way.
@@ -107,7 +131,7 @@ impl Tally {
         report.events.iter().for_each(|event| self.event(Some(report.id.0), event));
     }
 
-    fn finish(self, slam: &Slam, clock: Clock, threads: usize) -> Outcome {
+    fn finish(self, slam: &Slam, timing: Timing) -> Outcome {
         let (path, online) = (MainPath::of(slam.trajectory()), MainPath::of(self.online.iter().copied()));
         let result = RunResult {
             tracked: self.online.len(),
@@ -123,7 +147,7 @@ impl Tally {
             map_points: slam.map().point_count(),
             ..self.result
         };
-        Outcome { result, trajectory: path.trajectory, online: online.trajectory, timing: clock.finish(threads) }
+        Outcome { result, trajectory: path.trajectory, online: online.trajectory, timing }
     }
 }
 

@@ -23,7 +23,6 @@
 //!
 //! Lost frames and frames of other maps than the largest stand in `run.json`, never in a trajectory.
 
-mod ahead;
 mod bench;
 mod diff;
 mod drive;
@@ -35,6 +34,7 @@ mod source;
 mod summary;
 mod timing;
 mod verify;
+mod workers;
 
 use std::fs::File;
 use std::io::{BufWriter, Write as _};
@@ -50,6 +50,7 @@ pub use inspection::INSPECTION_RRD;
 pub use summary::{MapFrames, RunEvent, RunResult, RunSummary};
 pub use timing::{StageTime, Timing};
 pub use verify::{VerifyReport, verify};
+pub use workers::Unrest;
 
 use crate::log::Log;
 use crate::write_file;
@@ -93,6 +94,8 @@ pub struct ReplayOptions {
     pub force: bool,
     /// Write the inspection file too.
     pub rrd: bool,
+    /// For tests.
+    pub unrest: Option<Unrest>,
 }
 
 impl Default for ReplayOptions {
@@ -105,6 +108,7 @@ impl Default for ReplayOptions {
             layer: None,
             force: false,
             rrd: false,
+            unrest: None,
         }
     }
 }
@@ -131,7 +135,7 @@ pub fn replay(
     let header = source.header();
     write(&RecordWriter::preamble())?;
     write(&writer.block(&Block::Header(header.clone())))?;
-    let outcome = drive(&source, options.threads, progress, &mut |stepped| {
+    let outcome = drive(&source, options.threads, options.unrest.as_ref(), progress, &mut |stepped| {
         inspection.frame(stepped)?;
         write(&writer.block(&Block::Frame(stepped.entry.clone())))?;
         Ok(true)

@@ -89,7 +89,7 @@ pub fn verify(
     if report.difference.is_some() {
         return Ok(report);
     }
-    let outcome = drive(&source, threads, progress, &mut |stepped| {
+    let outcome = drive(&source, threads, None, progress, &mut |stepped| {
         report.difference = match reader.next_block()? {
             Some(Block::Frame(recorded)) => frame_difference(&recorded, &stepped.entry),
             _ => Some(Difference::whole("number of frames", end.frames.to_string(), source.range.len().to_string())),
