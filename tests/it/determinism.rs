@@ -54,7 +54,7 @@ fn threads_do_not_matter() {
 fn busy_log(folder: &Path) -> PathBuf {
     let log = folder.join("busy.mcap");
     let mut world = small_world(FRAMES);
-    world.camera_path.look_amplitude_m.iter_mut().for_each(|metres| *metres *= 4.0);
+    world.camera_path.look_amplitude_m = [1.8, 0.0, 0.0];
     write_log(&world, &log, &mut |_| {});
     log
 }
