@@ -45,7 +45,7 @@ impl fmt::Display for BenchReport {
 /// As [`super::replay`], but for writing.
 pub fn trajectory(log: &Path, options: &ReplayOptions, progress: Progress<'_>) -> Result<Trajectory, RunError> {
     let source = Source::new(Log::open(log)?, &options.config, options.layer.as_deref(), options.frames.clone())?;
-    let outcome = drive(&source, options.threads, progress, &mut |_| Ok(true))?;
+    let outcome = drive(&source, options.threads, options.unrest.as_ref(), progress, &mut |_| Ok(true))?;
     Ok(outcome.expect("the replay is never ended early").trajectory)
 }
 
