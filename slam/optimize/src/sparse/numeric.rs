@@ -248,6 +248,20 @@ mod tests {
         }
     }
 
+    /// What a map with loops looks like to bundle adjustment: everyone shares points with the seven before, and every
+    /// hundred keyframes eight in a row with eight of a place seen before; the ends meet.
+    #[test]
+    fn a_band_with_loops_grows_linearly() {
+        let blocks_a_keyframe = |n: u32| {
+            let near = (0..n).flat_map(|i| (1..8).map(move |step| (i, (i + step) % n)));
+            let again = (100..n - 8).step_by(100).flat_map(|i| (0..64).map(move |k| (i + k / 8, i - 60 + k % 8)));
+            let pattern = BlockPattern::new(n as usize, near.chain(again));
+            SparseCholesky::<6>::new(&pattern).blocks() as f64 / f64::from(n)
+        };
+        let [small, large] = [1000, 8000].map(blocks_a_keyframe);
+        assert!(large < 1.1 * small && large < 25.0, "{small} and {large} blocks a keyframe");
+    }
+
     #[test]
     fn indefinite_or_broken_matrices_name_the_variable() {
         let pattern = BlockPattern::new(3, [(0, 1), (1, 2)]);
