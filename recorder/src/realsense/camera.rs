@@ -37,14 +37,14 @@ pub enum State {
 }
 
 impl Camera {
-    pub(super) fn new(device: Handle<raw::Device>, context: Option<Arc<Context>>) -> Result<Self, CameraError> {
+    pub(super) fn new(device: Arc<Handle<raw::Device>>, context: Option<Arc<Context>>) -> Result<Self, CameraError> {
         let api = device.api;
         let list = required(api.query_sensors(&device)?, "query_sensors")?;
         let sensor = |i| Ok(Arc::new(required(api.create_sensor(&list, i)?, "create_sensor")?));
         let sensors = (0..api.get_sensors_count(&list)?).map(sensor).collect::<Result<_, CallError>>()?;
         let serial = device_info(&device, info::SERIAL)?.unwrap_or_default();
         let playback = api.is_device_extendable_to(&device, EXTENSION_PLAYBACK)?;
-        Ok(Self { context, device: Arc::new(device), sensors, serial, playback })
+        Ok(Self { context, device, sensors, serial, playback })
     }
 
     /// All it says about itself, with the present values of all options.

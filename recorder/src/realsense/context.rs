@@ -8,8 +8,8 @@ use super::{EXTENSION_PLAYBACK, frame, info};
 use std::ffi::CString;
 use std::os::unix::ffi::OsStrExt as _;
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Why a camera does not do what it was asked for.
 #[derive(Debug, Clone, thiserror::Error)]
@@ -62,8 +62,10 @@ pub enum CameraError {
 #[derive(Debug)]
 pub struct Context {
     library: Library,
-    handle: Arc<Handle<raw::Context>>,
+    handle: Handle<raw::Context>,
     changes: &'static Changes,
+    /// Recordings are devices as long as somebody holds them.
+    recordings: Mutex<Vec<Handle<raw::Device>>>,
 }
 
 impl Context {
@@ -75,7 +77,7 @@ impl Context {
         let api = library.api;
         let handle = required(api.create_context(library.api_version)?, "create_context")?;
         let changes = api.watch(&handle)?;
-        Ok(Self { library: library.clone(), handle: Arc::new(handle), changes })
+        Ok(Self { library: library.clone(), handle, changes, recordings: Mutex::default() })
     }
 
     /// The library of this session.
@@ -93,8 +95,7 @@ impl Context {
         let path =
             CString::new(file.as_os_str().as_bytes()).map_err(|_| CameraError::Text(file.display().to_string()))?;
         let device = required(self.library.api.context_add_device(&self.handle, &path)?, "context_add_device")?;
-        // The context keeps it.
-        drop(device);
+        self.recordings.lock().unwrap_or_else(PoisonError::into_inner).push(device);
         Ok(())
     }
 
@@ -124,7 +125,7 @@ impl Context {
     /// # Errors
     /// The library refuses.
     pub fn devices(&self) -> Result<Vec<DeviceDescription>, CameraError> {
-        let cameras = self.handles()?.into_iter().map(|device| Camera::new(device, None));
+        let cameras = self.handles()?.into_iter().map(|device| Camera::new(Arc::new(device), None));
         cameras.map(|camera| camera?.describe()).collect()
     }
 
@@ -141,7 +142,7 @@ impl Context {
         };
         let device = index.and_then(|index| self.handles().ok()?.into_iter().nth(index));
         match (device, serial) {
-            (Some(device), _) => Camera::new(device, Some(Arc::clone(self))),
+            (Some(device), _) => Camera::new(Arc::new(device), Some(Arc::clone(self))),
             (None, Some(wanted)) => Err(CameraError::Serial { wanted: wanted.to_owned(), found: serials }),
             (None, None) => Err(CameraError::NoCamera),
         }

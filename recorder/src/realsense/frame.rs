@@ -87,29 +87,30 @@ fn read(frame: Handle<raw::Frame>, metadata_count: u32, arrival: Arrival) -> Res
     let StreamProfile { stream, format, .. } =
         api.frame_profile(&frame).and_then(|found| profile(&found)).map_err(told)?;
     let header = header(&frame, stream, metadata_count, arrival).map_err(told)?;
-    let bytes = api.frame_bytes(&frame).map_err(told)?;
     let about = format!("{stream} frame {}", header.number);
+    let all =
+        |length| api.frame_bytes(&frame, length).map_err(told)?.ok_or(format!("{about} has fewer than {length} bytes"));
     if stream.kind.is_motion() {
-        let mut values = bytes.chunks_exact(4).map(|four| f32::from_le_bytes([four[0], four[1], four[2], four[3]]));
-        let mut next = || values.next().ok_or_else(|| format!("{about} has {} bytes instead of 12", bytes.len()));
-        return Ok(Sample::Motion(Motion { header, xyz: [next()?, next()?, next()?] }));
+        let values = all(12)?.chunks_exact(4).map(|four| f32::from_le_bytes([four[0], four[1], four[2], four[3]]));
+        let mut xyz = [0.0; 3];
+        xyz.iter_mut().zip(values).for_each(|(axis, value)| *axis = value);
+        return Ok(Sample::Motion(Motion { header, xyz }));
     }
     let width = api.get_frame_width(&frame).map(unsigned).map_err(told)?;
     let height = api.get_frame_height(&frame).map(unsigned).map_err(told)?;
     let stride = api.get_frame_stride_in_bytes(&frame).map(unsigned).map_err(told)? as usize;
     let pixel = format.bytes_per_pixel().ok_or_else(|| format!("{about} has the unknown format {format:?}"))?;
     let row = width as usize * pixel;
-    let rows: Vec<&[u8]> = bytes.chunks(stride.max(1)).take(height as usize).collect();
-    if stride < row || rows.len() < height as usize || rows.last().is_some_and(|last| last.len() < row) {
-        let length = bytes.len();
-        return Err(format!("{about} has {length} bytes in rows of {stride}, too few for {width}x{height} {format:?}"));
+    if stride < row || row == 0 {
+        return Err(format!("{about} has rows of {stride} bytes, too few for {width}x{height} {format:?}"));
     }
-    let bytes = if stride == row { bytes[..row * height as usize].to_vec() } else { joined(&rows, row) };
+    let bytes = all(stride * height as usize)?;
+    let bytes = if stride == row { bytes.to_vec() } else { without_padding(bytes, stride, row) };
     Ok(Sample::Frame(Frame { header, width, height, format, bytes }))
 }
 
-fn joined(rows: &[&[u8]], row: usize) -> Vec<u8> {
-    rows.iter().flat_map(|padded| &padded[..row]).copied().collect()
+fn without_padding(bytes: &[u8], stride: usize, row: usize) -> Vec<u8> {
+    bytes.chunks(stride).flat_map(|padded| &padded[..row]).copied().collect()
 }
 
 fn header(

@@ -150,8 +150,8 @@ impl Library {
     /// Compares the numbers that the recorder uses with the library's names for them.
     fn self_check(&self) -> Result<(), LoadError> {
         let api = self.api;
-        type Name = fn(&'static Api, i32) -> String;
-        let tables: [(&'static str, Name, &[(i32, &'static str)]); 9] = [
+        type Table = (&'static str, fn(&'static Api, i32) -> String, &'static [(i32, &'static str)]);
+        let tables: [Table; 9] = [
             ("stream", Api::stream_to_string, STREAMS),
             ("format", Api::format_to_string, FORMATS),
             ("metadata", Api::frame_metadata_to_string, METADATA),

@@ -12,7 +12,9 @@ mod frame;
 mod library;
 mod raw;
 mod select;
+mod software;
 mod types;
+mod vendor_align;
 
 pub use camera::{Camera, Sink, State, Streaming};
 pub use clock::DeviceClock;
@@ -21,12 +23,16 @@ pub use finding::Finding;
 pub use library::{LIBRARY_VARIABLE, Library, LoadError};
 pub use raw::CallError;
 pub use select::{Selection, VideoMode, Wish};
+pub use software::{SoftwareCamera, SoftwareSpec, VendorRecording};
 pub use types::*;
+pub use vendor_align::vendor_align;
 
 // Numbers of librealsense, checked by name when it is loaded.
 
 const EXTENSION_PLAYBACK: i32 = 16;
 const OPTION_DEPTH_UNITS: i32 = 28;
+const OPTION_EMITTER_ENABLED: i32 = 18;
+const OPTION_EXPOSURE: i32 = 3;
 const PLAYBACK_STOPPED: i32 = 3;
 
 /// Texts of a device about itself.

@@ -380,6 +380,7 @@ macro_rules! api {
             }
         }
 
+        #[allow(clippy::too_many_arguments, reason = "as many as the C function has")]
         impl Api {
             $($visible fn $name(
                 &'static self, $($argument: <$type as Argument>::Rust<'_>),*
@@ -459,12 +460,9 @@ api! {
         pub playback_device_pause(device: Device) -> ();
         pub playback_device_resume(device: Device) -> ();
         pub playback_device_get_current_status(device: Device) -> i32;
-        pub playback_get_duration(device: Device) -> u64;
-        pub playback_get_position(device: Device) -> u64;
         pub create_record_device_ex(device: Device, file: Text, compress: i32) -> Owned<Device>;
         pub create_software_device() -> Owned<Device>;
         pub software_device_register_info(device: Device, info: i32, text: Text) -> ();
-        pub software_device_create_matcher(device: Device, matcher: i32) -> ();
         pub software_device_add_sensor(device: Device, name: Text) -> Owned<Sensor>;
         software_sensor_add_video_stream(sensor: Sensor, stream: VideoStream) -> Pointer;
         software_sensor_add_motion_stream(sensor: Sensor, stream: MotionStream) -> Pointer;
@@ -543,7 +541,10 @@ pub(super) fn open_shared_object(path: &Path, global: bool) -> Result<libloading
     let flags = RTLD_NOW | if global { RTLD_GLOBAL } else { RTLD_LOCAL };
     // SAFETY: the initialisers of librealsense and libpython have no requirements of their caller.
     let library = unsafe { Library::open(Some(path), flags) };
-    library.map(Into::into).map_err(|error| error.to_string())
+    library.map(Into::into).map_err(|error| {
+        let linker = std::error::Error::source(&error).map(ToString::to_string);
+        linker.unwrap_or_else(|| error.to_string())
+    })
 }
 
 fn missing(what: &str) -> CallError {
@@ -609,24 +610,31 @@ impl Api {
         Ok(flow)
     }
 
-    /// The bytes of a frame.
-    pub fn frame_bytes<'a>(&'static self, frame: &'a Handle<Frame>) -> Result<&'a [u8], CallError> {
-        let length = usize::try_from(self.get_frame_data_size(frame)?).unwrap_or(0);
+    /// The bytes of a frame, `length` of which its size and format promise. `None`: the frame has fewer.
+    pub fn frame_bytes<'a>(
+        &'static self,
+        frame: &'a Handle<Frame>,
+        length: usize,
+    ) -> Result<Option<&'a [u8]>, CallError> {
+        // Frames of software sensors tell a size of 0.
+        let told = usize::try_from(self.get_frame_data_size(frame)?).unwrap_or(0);
         let data = self.get_frame_data(frame)?;
-        if data.is_null() || length == 0 {
-            return Ok(&[]);
+        if data.is_null() || told != 0 && told < length {
+            return Ok(None);
         }
-        // SAFETY: the library says that `length` bytes stand there, and they do not change while the frame is held.
-        Ok(unsafe { std::slice::from_raw_parts(data.cast::<u8>(), length) })
+        // SAFETY: at least `length` bytes stand there by the frame's own size, else by its stride and height (12 bytes for
+        // an inertial sample), and they do not change while the frame is held.
+        Ok(Some(unsafe { std::slice::from_raw_parts(data.cast::<u8>(), length) }))
     }
 }
 
-/// Bytes for a software frame: the library frees them through [`free_bytes`], which must know how many there are.
+/// Bytes for a software frame: the library frees them through [`free_bytes`], which must know how many there are. They
+/// stand at a multiple of 16, which the library's SSE code takes for granted.
 fn lend_bytes(bytes: &[u8]) -> Pointer {
-    let words = bytes.len().div_ceil(size_of::<u64>()) + 1;
-    let mut memory = vec![0_u64; words].into_boxed_slice();
-    memory[0] = words as u64;
-    let start = Box::into_raw(memory).cast::<u64>();
+    let words = bytes.len().div_ceil(size_of::<u128>()) + 1;
+    let mut memory = vec![0_u128; words].into_boxed_slice();
+    memory[0] = words as u128;
+    let start = Box::into_raw(memory).cast::<u128>();
     // SAFETY: one word further there are `words - 1` words, enough for the bytes, and nobody else knows them.
     unsafe {
         let data = start.add(1).cast::<u8>();
@@ -638,7 +646,7 @@ fn lend_bytes(bytes: &[u8]) -> Pointer {
 extern "C" fn free_bytes(data: Pointer) {
     // SAFETY: `data` comes from `lend_bytes`, is given back once, and the word before it is the length of the box.
     unsafe {
-        let start = data.cast::<u64>().sub(1);
+        let start = data.cast::<u128>().sub(1);
         drop(Box::from_raw(ptr::slice_from_raw_parts_mut(start, *start as usize)));
     }
 }

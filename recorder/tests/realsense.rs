@@ -1,0 +1,157 @@
+//! The real librealsense, without a camera: a synthetic one inside the library, and recordings of it that are played.
+//! Needs `PSLAM_LIBREALSENSE`; `tests/realsense/run.sh` fetches two versions and runs this for both.
+
+mod realsense_support;
+
+use realsense_support::{assert_same, collect, ending, library, record, samples, spec};
+use recorder::realsense::*;
+use schemas::alignment::{Intrinsics, LensModel};
+use std::sync::Arc;
+
+const MODE: VideoMode = VideoMode { width: 64, height: 48, rate_hz: 30 };
+const ALL: Wish = Wish { color: Some(MODE), depth: Some(MODE), imu: true };
+
+#[test]
+fn a_synthetic_camera_gives_what_it_was_fed() {
+    let Some(library) = library() else { return };
+    let software = SoftwareCamera::new(&library, &spec(MODE)).unwrap();
+    let camera = software.camera().unwrap();
+    let description = camera.describe().unwrap();
+    assert_eq!((description.serial.as_str(), description.usb.as_deref()), ("000000000435", Some("3.2")));
+    assert!(!camera.is_playback() && description.recording.is_none());
+    let selection = camera.select(&ALL).unwrap();
+    assert_eq!((selection.profiles.len(), selection.findings.len()), (4, 0));
+    let fed = samples(MODE, 20);
+    let got = collect(&camera, &selection.profiles, || fed.iter().for_each(|sample| software.feed(sample).unwrap()));
+    assert_same(&fed, &got);
+}
+
+#[test]
+fn a_camera_is_calibrated_and_set() {
+    let Some(library) = library() else { return };
+    let spec = spec(MODE);
+    let camera = SoftwareCamera::new(&library, &spec).unwrap().camera().unwrap();
+    let profiles = camera.select(&ALL).unwrap().profiles;
+    let calibration = camera.calibration(&profiles).unwrap();
+    assert_eq!(calibration.depth_units_m, Some(0.001));
+    assert_eq!(calibration.extrinsics.len(), 12, "every stream to every other");
+    for wanted in &spec.calibration.streams {
+        assert_eq!(calibration.stream(wanted.profile.stream), Some(wanted));
+    }
+    for wanted in &spec.calibration.extrinsics {
+        assert_eq!(calibration.extrinsics(wanted.from, wanted.to), Some(wanted.transform));
+    }
+    let set = camera.set_option("emitter-enabled", 0.0).unwrap();
+    assert_eq!((set.len(), set[0].name.as_str(), set[0].value), (1, "Emitter Enabled", 0.0));
+    let told = camera.describe().unwrap();
+    let options = told.sensors.iter().flat_map(|sensor| &sensor.options);
+    assert!(options.clone().any(|option| option.name == "Emitter Enabled" && option.value == 0.0));
+    assert!(matches!(camera.set_option("Emitter Enabled", 17.0), Err(CameraError::Option { .. })));
+    assert!(matches!(camera.set_option("Depth Units", 0.1), Err(CameraError::Option { .. })), "it only tells");
+    assert!(matches!(camera.set_option("Brilliance", 1.0), Err(CameraError::Option { .. })));
+}
+
+#[test]
+fn a_recording_is_a_camera() {
+    let Some(library) = library() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join(format!("camera.{}", ending(&library)));
+    let (fed, spec) = (samples(MODE, 20), spec(MODE));
+    record(&library, &spec, &fed, &file);
+    let context = Arc::new(Context::new(&library).unwrap());
+    assert!(matches!(context.open(None), Err(CameraError::NoCamera)));
+    context.add_recording(&file).unwrap();
+    let devices = context.devices().unwrap();
+    assert_eq!(devices.len(), 1);
+    assert_eq!(devices[0].recording.as_deref(), file.to_str());
+    assert!(
+        matches!(context.open(Some("1")), Err(CameraError::Serial { found, .. }) if found == [spec.serial.clone()])
+    );
+    let camera = context.open(Some(&spec.serial)).unwrap();
+    let profiles = camera.select(&ALL).unwrap().profiles;
+    let calibration = camera.calibration(&profiles).unwrap();
+    assert_eq!((calibration.depth_units_m, &calibration.streams), (Some(0.001), &spec.calibration.streams));
+    let to_color = &spec.calibration.extrinsics[0];
+    assert_eq!(calibration.extrinsics(to_color.from, to_color.to), Some(to_color.transform));
+    camera.set_real_time(false).unwrap();
+    assert_same(&fed, &collect(&camera, &profiles, || {}));
+    // And once more from the beginning.
+    assert_same(&fed, &collect(&camera, &profiles, || {}));
+}
+
+#[test]
+fn planted_faults_are_found() {
+    let Some(library) = library() else { return };
+    let faulty = SoftwareSpec { usb: "2.1".to_owned(), ..spec(MODE) };
+    let software = SoftwareCamera::new(&library, &faulty).unwrap();
+    let camera = software.camera().unwrap();
+    let wish = Wish { color: Some(VideoMode { rate_hz: 60, ..MODE }), depth: Some(MODE), imu: false };
+    let Selection { profiles, findings } = camera.select(&wish).unwrap();
+    assert_eq!(findings.iter().map(Finding::allowed_by).collect::<Vec<_>>(), ["--allow-usb2", "--allow-other-profile"]);
+    let mut fed = samples(MODE, 6);
+    fed.retain(|sample| !matches!(sample, Sample::Frame(frame) if (3..=4).contains(&frame.header.number)));
+    for sample in &mut fed {
+        if let Sample::Frame(frame) = sample
+            && frame.header.stream.kind == StreamKind::Color
+        {
+            frame.header.domain = TimestampDomain::SystemTime;
+            frame.header.metadata.clear();
+        }
+    }
+    let got = collect(&camera, &profiles, || {
+        fed.iter().filter(|s| matches!(s, Sample::Frame(_))).for_each(|sample| software.feed(sample).unwrap());
+    });
+    let mut counters = Vec::new();
+    for sample in got {
+        let Sample::Frame(Frame { header, .. }) = sample else { panic!("{sample:?}") };
+        let findings = Finding::of_frame(&header);
+        if header.stream.kind == StreamKind::Depth {
+            counters.push(header.metadata(metadata::FRAME_COUNTER).unwrap());
+            assert_eq!(findings, []);
+        } else {
+            let stream = header.stream;
+            let missing = Finding::MissingMetadata { stream, missing: vec!["Frame Counter", "Sensor Timestamp"] };
+            assert_eq!(findings, [Finding::SystemTime { stream }, missing]);
+        }
+    }
+    assert_eq!(counters, [1, 2, 5, 6], "the hole is where it was planted");
+}
+
+/// A slanted wall with a step, holes and noise, so that rays of all kinds occur.
+fn scene(camera: &Intrinsics) -> Vec<u16> {
+    let mut noise = 12_345_u32;
+    let pixels = (0..camera.height).flat_map(|row| (0..camera.width).map(move |column| (row, column)));
+    let value = |(row, column): (u32, u32)| {
+        noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        let wall = 900 + 2 * column + row + (noise >> 29);
+        let step = if column > camera.width / 2 && row < camera.height / 2 { 700 } else { 0 };
+        if noise.is_multiple_of(17) { 0 } else { (wall + step) as u16 }
+    };
+    pixels.map(value).collect()
+}
+
+#[test]
+fn alignment_equals_the_vendors() {
+    let Some(library) = library() else { return };
+    let modes = [(640, 480, 640, 480), (848, 480, 640, 480), (640, 360, 1280, 720), (1280, 720, 424, 240)];
+    let lenses = [
+        (LensModel::None, [0.0; 5]),
+        (LensModel::InverseBrownConrady, [0.0; 5]),
+        (LensModel::InverseBrownConrady, [-0.055, 0.065, 0.000_6, -0.000_4, -0.021]),
+        (LensModel::BrownConrady, [0.1, -0.2, 0.001, -0.001, 0.05]),
+        (LensModel::ModifiedBrownConrady, [0.1, -0.2, 0.0, 0.0, 0.05]),
+    ];
+    for (dw, dh, cw, ch) in modes {
+        for (model, coefficients) in lenses {
+            let mode = |width, height| VideoMode { width, height, rate_hz: 30 };
+            let mut spec = SoftwareSpec::d435i(mode(cw, ch), mode(dw, dh));
+            let color = spec.calibration.streams[1].intrinsics.as_mut().unwrap();
+            (color.model, color.coefficients) = (model, coefficients);
+            // A turn of half a degree about each axis.
+            let transform = &mut spec.calibration.extrinsics[0].transform;
+            transform.rotation = realsense_support::small_rotation(0.005);
+            transform.translation = [0.0148, 0.000_3, -0.000_2];
+            realsense_support::compare_alignment(&library, &spec, &scene);
+        }
+    }
+}
