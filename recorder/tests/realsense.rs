@@ -13,7 +13,7 @@ const ALL: Wish = Wish { color: Some(MODE), depth: Some(MODE), imu: true };
 
 #[test]
 fn a_synthetic_camera_gives_what_it_was_fed() {
-    let Some(library) = library() else { return };
+    let Some((library, _one)) = library() else { return };
     let software = SoftwareCamera::new(&library, &spec(MODE)).unwrap();
     let camera = software.camera().unwrap();
     let description = camera.describe().unwrap();
@@ -28,7 +28,7 @@ fn a_synthetic_camera_gives_what_it_was_fed() {
 
 #[test]
 fn a_camera_is_calibrated_and_set() {
-    let Some(library) = library() else { return };
+    let Some((library, _one)) = library() else { return };
     let spec = spec(MODE);
     let camera = SoftwareCamera::new(&library, &spec).unwrap().camera().unwrap();
     let profiles = camera.select(&ALL).unwrap().profiles;
@@ -53,7 +53,7 @@ fn a_camera_is_calibrated_and_set() {
 
 #[test]
 fn a_recording_is_a_camera() {
-    let Some(library) = library() else { return };
+    let Some((library, _one)) = library() else { return };
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join(format!("camera.{}", ending(&library)));
     let (fed, spec) = (samples(MODE, 20), spec(MODE));
@@ -81,7 +81,7 @@ fn a_recording_is_a_camera() {
 
 #[test]
 fn planted_faults_are_found() {
-    let Some(library) = library() else { return };
+    let Some((library, _one)) = library() else { return };
     let faulty = SoftwareSpec { usb: "2.1".to_owned(), ..spec(MODE) };
     let software = SoftwareCamera::new(&library, &faulty).unwrap();
     let camera = software.camera().unwrap();
@@ -132,7 +132,7 @@ fn scene(camera: &Intrinsics) -> Vec<u16> {
 
 #[test]
 fn alignment_equals_the_vendors() {
-    let Some(library) = library() else { return };
+    let Some((library, _one)) = library() else { return };
     let modes = [(640, 480, 640, 480), (848, 480, 640, 480), (640, 360, 1280, 720), (1280, 720, 424, 240)];
     let lenses = [
         (LensModel::None, [0.0; 5]),

@@ -75,13 +75,24 @@ pub enum AlignmentError {
     },
 }
 
+/// Which pixel a place in the other picture belongs to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Rounding {
+    /// The pixel that the middle of the depth pixel falls on, as in librealsense 2.56.
+    #[default]
+    Middle,
+    /// The pixel that its upper left corner falls on, as in librealsense 2.59: half a depth pixel to the upper left.
+    Corner,
+}
+
 /// Registers depth to another camera, as librealsense's `rs2_create_align` does it: every depth pixel gives its value to
 /// one pixel of the other picture, or to a rectangle where the other picture is finer; the nearest value wins. Not
 /// measured is 0. The value stays the distance along the depth camera's axis, as librealsense leaves it.
 ///
-/// Equal to librealsense (2.56.5 and 2.59.1, x86-64) in every pixel as long as the other camera's lens does not bend, as
-/// that of a D435. Where it bends, this follows the lens. librealsense then takes every lens for a pinhole but that of
-/// [`LensModel::ModifiedBrownConrady`], whose tangential part along y it takes from x; the radial part is equal again.
+/// Equal to librealsense in every pixel (2.56.5 and 2.59.1 on x86-64, see [`Rounding`]) as long as the other camera's lens
+/// does not bend, as that of a D435. Where it bends, this follows the lens; librealsense takes every lens for a pinhole
+/// but that of [`LensModel::ModifiedBrownConrady`], whose radial part is equal again.
 ///
 /// Arithmetic in f32 with `+ - * /` only, in librealsense's order: the same bits everywhere.
 #[derive(Debug, Clone)]
@@ -94,6 +105,7 @@ pub struct Aligner {
     corners: Vec<[f32; 2]>,
     /// Whether a depth pixel covers more than one pixel of the other picture.
     spreads: bool,
+    rounding: Rounding,
 }
 
 impl Aligner {
@@ -127,7 +139,13 @@ impl Aligner {
         let corners = corners.collect();
         let (depth, target, target_from_depth) = (*depth, *target, *target_from_depth);
         let spreads = spreads(&depth, &target);
-        Ok(Self { depth, target, target_from_depth, depth_units_m, corners, spreads })
+        Ok(Self { depth, target, target_from_depth, depth_units_m, corners, spreads, rounding: Rounding::default() })
+    }
+
+    /// The same with another rounding.
+    #[must_use]
+    pub fn with_rounding(self, rounding: Rounding) -> Self {
+        Self { rounding, ..self }
     }
 
     /// The depth picture as the other camera would see it: rows of its size, the same units.
@@ -165,9 +183,14 @@ impl Aligner {
     fn target_pixel(&self, [x, y]: [f32; 2], depth_m: f32) -> Option<[i32; 2]> {
         let point = self.target_from_depth.transform([depth_m * x, depth_m * y, depth_m]);
         let place = self.target.project(point);
-        // Half a pixel more, as librealsense has it: the upper left corner of a pixel then stands for its centre.
         let seen = point[2] > 0.0 && place.iter().all(|value| value.is_finite());
-        seen.then(|| place.map(|value| (value + 0.5).round_ties_even() as i32))
+        seen.then(|| {
+            place.map(|value| match self.rounding {
+                // Half a pixel more: the upper left corner then stands for the middle.
+                Rounding::Middle => (value + 0.5).round_ties_even() as i32,
+                Rounding::Corner => (value + 0.5) as i32,
+            })
+        })
     }
 }
 

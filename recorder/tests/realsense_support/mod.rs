@@ -2,18 +2,21 @@
 
 use recorder::Arrival;
 use recorder::realsense::*;
-use schemas::alignment::{Aligner, Intrinsics, LensModel};
+use schemas::alignment::{Aligner, Intrinsics, LensModel, Rounding};
 use std::path::Path;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// The library under test. Without one the tests say so and do nothing.
-pub fn library() -> Option<Library> {
+/// The library under test, for one test at a time: a recorder has one camera session, and librealsense's first moments
+/// are not made for several. Without a library the tests say so and do nothing.
+pub fn library() -> Option<(Library, MutexGuard<'static, ()>)> {
+    static ONE: Mutex<()> = Mutex::new(());
     if std::env::var_os(LIBRARY_VARIABLE).is_none() {
         eprintln!("SKIPPED: {LIBRARY_VARIABLE} names no librealsense; tests/realsense/run.sh fetches one");
         return None;
     }
-    Some(Library::load(None).unwrap())
+    let guard = ONE.lock().unwrap_or_else(PoisonError::into_inner);
+    Some((Library::load(None).unwrap(), guard))
 }
 
 /// A D435i with a lens on the colour camera and a turned inertial unit.
@@ -120,8 +123,11 @@ pub fn assert_same(fed: &[Sample], got: &[Sample]) {
 
 /// The ending of a recording that this version writes.
 pub fn ending(library: &Library) -> &'static str {
-    let minor: u32 = library.version().split('.').nth(1).unwrap().parse().unwrap();
-    if minor >= 58 { "db3" } else { "bag" }
+    if minor_version(library) >= 58 { "db3" } else { "bag" }
+}
+
+fn minor_version(library: &Library) -> u32 {
+    library.version().split('.').nth(1).unwrap().parse().unwrap()
 }
 
 /// Writes a recording with the vendor's recorder.
@@ -167,7 +173,9 @@ pub fn compare_alignment(library: &Library, spec: &SoftwareSpec, scene: &dyn Fn(
     } else {
         Intrinsics { coefficients: [0.0; 5], ..color_camera }
     };
-    let ours = Aligner::new(&depth_camera, &seen, extrinsics, 0.001).unwrap().align(&depth).unwrap();
+    let rounding = if minor_version(library) >= 58 { Rounding::Corner } else { Rounding::Middle };
+    let aligner = Aligner::new(&depth_camera, &seen, extrinsics, 0.001).unwrap().with_rounding(rounding);
+    let ours = aligner.align(&depth).unwrap();
     assert_eq!(ours.len(), theirs.len());
     assert!(ours.iter().filter(|value| **value > 0).count() * 10 > ours.len() * 9, "the scene fills the picture");
     let differ = ours.iter().zip(&theirs).filter(|(ours, theirs)| ours != theirs).count();
