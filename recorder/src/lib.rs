@@ -25,4 +25,4 @@ pub mod sync;
 
 pub use arrival::Arrival;
 pub use log_writer::{ChannelId, LogOptions, LogWriter, WriteError};
-pub use rgbd::{LayerSpec, Mask, RgbdLog, RgbdSpec};
+pub use rgbd::{Beside, LayerSpec, Mask, RgbdLog, RgbdSpec};

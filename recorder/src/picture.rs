@@ -49,6 +49,19 @@ pub struct ColorFile {
 /// # Errors
 /// A damaged file, or 16 bits a channel.
 pub fn color_file(bytes: Vec<u8>) -> Result<ColorFile, PictureError> {
+    checked_file(bytes, &[png::ColorType::Rgb])
+}
+
+/// The same for the picture of a camera that may be grey: 8-bit grey PNG stay as they are too.
+///
+/// # Errors
+/// As [`color_file`].
+pub fn gray_or_color_file(bytes: Vec<u8>) -> Result<ColorFile, PictureError> {
+    checked_file(bytes, &[png::ColorType::Rgb, png::ColorType::Grayscale])
+}
+
+/// `kept` are the pixel layouts of PNG files that need no change.
+fn checked_file(bytes: Vec<u8>, kept: &[png::ColorType]) -> Result<ColorFile, PictureError> {
     if bytes.starts_with(&[0xFF, 0xD8]) {
         let (width, height) = check_jpeg(&bytes)?;
         return Ok(ColorFile { width, height, format: schemas::msg::format::JPEG, bytes, reencoded: false });
@@ -59,7 +72,7 @@ pub fn color_file(bytes: Vec<u8>) -> Result<ColorFile, PictureError> {
         return Err(PictureError::Layout { found: format!("{:?} bits a channel", png.depth), wanted });
     }
     let (width, height) = (png.width, png.height);
-    let reencoded = png.source_color != png::ColorType::Rgb;
+    let reencoded = !kept.contains(&png.source_color);
     let bytes = if reencoded { encode_rgb8(width, height, &png.rgb8())? } else { bytes };
     Ok(ColorFile { width, height, format: schemas::msg::format::PNG, bytes, reencoded })
 }
@@ -89,6 +102,14 @@ pub fn decode_rgb8(bytes: &[u8]) -> Result<(u32, u32, Vec<u8>), PictureError> {
         return Err(PictureError::Layout { found, wanted: "8-bit RGB" });
     }
     Ok((png.width, png.height, png.pixels))
+}
+
+/// An 8-bit grey PNG, fast rather than small.
+///
+/// # Errors
+/// Sizes that do not fit the pixels.
+pub fn encode_gray8(width: u32, height: u32, pixels: &[u8]) -> Result<Vec<u8>, PictureError> {
+    encode_png(width, height, png::ColorType::Grayscale, png::BitDepth::Eight, pixels)
 }
 
 /// An 8-bit RGB PNG, fast rather than small.
@@ -201,6 +222,7 @@ mod tests {
         let kept = color_file(gray.clone()).unwrap();
         assert!(kept.reencoded);
         assert_eq!(decode_rgb8(&kept.bytes).unwrap().2, [7, 7, 7, 200, 200, 200]);
+        assert_eq!(gray_or_color_file(gray.clone()).unwrap().bytes, gray);
         assert!(matches!(decode_gray16(&gray), Err(PictureError::Layout { .. })), "8-bit depth must be refused");
 
         let depth = encode_gray16(2, 1, &[1, 0xABCD]).unwrap();

@@ -1,4 +1,5 @@
-//! A log of a colour-depth camera: the project's topics, frames and metadata in one place for every writer.
+//! A log of a camera, with depth, a second camera or neither: the project's topics, frames and metadata in one place for
+//! every writer.
 
 use crate::log_writer::{LogOptions, LogWriter, WriteError};
 use schemas::calibration::CameraModel;
@@ -6,6 +7,7 @@ use schemas::msg::{
     CameraInfo, Category, CategoryTable, CompressedImage, Header, Image, Point, Pose, PoseStamped, Quaternion, Segment,
     SegmentTable, TFMessage, Transform, TransformStamped, Vector3, encoding,
 };
+use schemas::stereo::StereoModel;
 use schemas::topics::{self, LayerTopics, frame};
 use schemas::{Stamp, metadata, pairing, panoptic};
 use std::borrow::Cow;
@@ -21,8 +23,10 @@ pub struct RgbdSpec {
     pub name: String,
     /// Version of the writing program, as `pslam 0.1.0`.
     pub program: String,
-    /// The colour camera; depth is registered to it.
+    /// The colour camera, of a stereo camera the left one, as it records; depth is registered to it.
     pub camera: CameraModel,
+    /// What there is beside its pictures.
+    pub beside: Beside,
     /// Depth value of one metre, exact decimal text (`5000`, `1000`).
     pub depth_units_per_metre: String,
     /// Colour and depth closer than this are one frame, see [`pairing::associate`].
@@ -40,11 +44,23 @@ impl RgbdSpec {
             name: name.to_owned(),
             program: concat!("pslam ", env!("CARGO_PKG_VERSION")).to_owned(),
             camera,
+            beside: Beside::Depth,
             depth_units_per_metre: "5000".to_owned(),
             tolerance_ns: pairing::DEFAULT_TOLERANCE_NS,
             layers: Vec::new(),
         }
     }
+}
+
+/// What a camera has beside its pictures.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Beside {
+    /// Depth images.
+    Depth,
+    /// A second camera.
+    Right(StereoModel),
+    /// Nothing.
+    Nothing,
 }
 
 /// A segmentation layer.
@@ -83,10 +99,11 @@ impl Layer {
     }
 }
 
-/// An open log of a colour-depth camera. Calls come in order of their stamps.
+/// An open log of a camera. Calls come in order of their stamps.
 pub struct RgbdLog {
     log: LogWriter,
     camera: CameraModel,
+    beside: Beside,
     layers: Vec<Layer>,
 }
 
@@ -97,6 +114,11 @@ impl RgbdLog {
     /// An impossible spec, an existing file, or the file system refuses.
     pub fn create(path: &Path, options: &LogOptions, spec: &RgbdSpec) -> Result<Self, WriteError> {
         let camera = spec.camera.validated().map_err(|error| WriteError::Invalid(error.to_string()))?;
+        if let Beside::Right(stereo) = &spec.beside
+            && stereo.left != camera
+        {
+            return Err(WriteError::Invalid("the stereo camera's left camera is not the log's camera".to_owned()));
+        }
         check_units(&spec.depth_units_per_metre)?;
         let layers = spec.layers.iter().map(check_layer).collect::<Result<Vec<_>, _>>()?;
         if let Some(twice) = (1..layers.len()).find(|i| layers[..*i].iter().any(|layer| layer.name == layers[*i].name))
@@ -105,9 +127,11 @@ impl RgbdLog {
         }
         let mut log = LogWriter::create(path, options)?;
         write_spec(&mut log, spec, &layers)?;
-        let units = (metadata::DEPTH_UNITS_PER_METRE.to_owned(), spec.depth_units_per_metre.clone());
-        log.open_topic::<Image<'_>>(topics::DEPTH, BTreeMap::from([units]))?;
-        Ok(Self { log, camera, layers })
+        if spec.beside == Beside::Depth {
+            let units = (metadata::DEPTH_UNITS_PER_METRE.to_owned(), spec.depth_units_per_metre.clone());
+            log.open_topic::<Image<'_>>(topics::DEPTH, BTreeMap::from([units]))?;
+        }
+        Ok(Self { log, camera, beside: spec.beside, layers })
     }
 
     /// A ground-truth pose, `world_from_camera`: metres and a quaternion x, y, z, w.
@@ -135,6 +159,21 @@ impl RgbdLog {
             CompressedImage { header: info.header.clone(), format: format.to_owned(), data: Cow::Borrowed(bytes) };
         self.log.write(topics::COLOR_INFO, stamp, &info)?;
         self.log.write(topics::COLOR, stamp, &message)
+    }
+
+    /// A picture file of the right camera.
+    ///
+    /// # Errors
+    /// The log was not made for a stereo camera; see [`LogWriter::write`].
+    pub fn right(&mut self, stamp: Stamp, format: &str, bytes: &[u8]) -> Result<(), WriteError> {
+        let Beside::Right(stereo) = &self.beside else {
+            return Err(WriteError::Invalid("a right picture in the log of a single camera".to_owned()));
+        };
+        let header = Header::new(stamp, frame::RIGHT_CAMERA)?;
+        let [_, info] = stereo.to_camera_infos(Header::default(), header.clone());
+        let message = CompressedImage { header, format: format.to_owned(), data: Cow::Borrowed(bytes) };
+        self.log.write(topics::RIGHT_INFO, stamp, &info)?;
+        self.log.write(topics::RIGHT, stamp, &message)
     }
 
     /// A depth image registered to colour, 0 = no measurement.
@@ -204,7 +243,11 @@ impl RgbdLog {
     }
 
     fn camera_info(&self, stamp: Stamp) -> Result<CameraInfo, WriteError> {
-        Ok(self.camera.to_camera_info(Header::new(stamp, frame::CAMERA)?))
+        let header = Header::new(stamp, frame::CAMERA)?;
+        Ok(match &self.beside {
+            Beside::Right(stereo) => stereo.to_camera_infos(header, Header::default())[0].clone(),
+            Beside::Depth | Beside::Nothing => self.camera.to_camera_info(header),
+        })
     }
 
     fn check_pixels(&self, what: &'static str, stamp: Stamp, found: usize) -> Result<(), WriteError> {
@@ -258,15 +301,20 @@ fn write_spec(log: &mut LogWriter, spec: &RgbdSpec, layers: &[Layer]) -> Result<
     let conventions = [
         ("time", "nanoseconds of the source's own clock; log time = publish time = header stamp"),
         ("world", "fixed frame of the ground truth, metres"),
-        ("camera", "colour camera: x right, y down, z forward, pixel centres at whole numbers"),
+        ("camera", "colour (left) camera: x right, y down, z forward, pixel centres at whole numbers"),
         ("poses", "PoseStamped and TF: world_from_camera, quaternion x y z w as the source wrote it"),
-        ("depth", "16UC1 along z, registered to colour, 0 = none; units_per_metre in pslam/depth"),
+        match spec.beside {
+            Beside::Depth => ("depth", "16UC1 along z, registered to colour, 0 = none; units_per_metre in pslam/depth"),
+            Beside::Right(_) => ("depth", "none; both pictures as recorded, R and P of camera_info rectify them"),
+            Beside::Nothing => ("depth", "none"),
+        },
         ("masks", "class and instance id a pixel, 0 = void = unknown; stamp of the colour picture"),
     ];
     log.metadata(metadata::CONVENTIONS, table(&conventions))?;
-    let depth =
-        [(metadata::DEPTH_UNITS_PER_METRE, spec.depth_units_per_metre.as_str()), ("registered_to", frame::CAMERA)];
-    log.metadata(metadata::DEPTH, table(&depth))?;
+    if spec.beside == Beside::Depth {
+        let units = (metadata::DEPTH_UNITS_PER_METRE, spec.depth_units_per_metre.as_str());
+        log.metadata(metadata::DEPTH, table(&[units, ("registered_to", frame::CAMERA)]))?;
+    }
     let tolerance = spec.tolerance_ns.to_string();
     let pairing =
         [(metadata::TOLERANCE_NS, tolerance.as_str()), ("rule", "closest first, each stamp once, strictly nearer")];

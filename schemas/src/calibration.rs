@@ -95,6 +95,19 @@ impl CameraModel {
         }
     }
 
+    /// Where a ray `(x / z, y / z)` of this camera falls in its recorded picture, pixels.
+    #[must_use]
+    pub fn distorted(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let [k1, k2, p1, p2, k3] = self.distortion.parameters();
+        let r2 = x * x + y * y;
+        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        let bent = [
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        ];
+        [self.fx * bent[0] + self.cx, self.fy * bent[1] + self.cy]
+    }
+
     /// The ROS message, with `plumb_bob` and five parameters (all zero without distortion).
     #[must_use]
     pub fn to_camera_info(&self, header: Header) -> CameraInfo {

@@ -20,6 +20,7 @@ pub mod msg;
 pub mod pairing;
 pub mod panoptic;
 mod stamp;
+pub mod stereo;
 pub mod sync;
 pub mod topics;
 

@@ -21,6 +21,11 @@ pub const TF: &str = "/tf";
 pub const COLOR_INFO: &str = "/camera/color/camera_info";
 /// Colour, [`crate::msg::CompressedImage`] with PNG or JPEG bytes.
 pub const COLOR: &str = "/camera/color/image/compressed";
+/// Calibration of the right camera of a stereo camera, [`crate::msg::CameraInfo`], one a picture: with that of the left one
+/// on [`COLOR_INFO`] it tells a [`crate::stereo::StereoModel`].
+pub const RIGHT_INFO: &str = "/camera/right/camera_info";
+/// The right picture as recorded (not rectified), [`crate::msg::CompressedImage`]; the left one is on [`COLOR`].
+pub const RIGHT: &str = "/camera/right/image/compressed";
 /// Calibration of the depth image, [`crate::msg::CameraInfo`], one a picture. Registered depth: equal to the colour one.
 pub const DEPTH_INFO: &str = "/camera/depth/camera_info";
 /// Depth, [`crate::msg::Image`] `16UC1`, 0 = none; units per metre in [`crate::metadata::DEPTH`].
@@ -98,6 +103,10 @@ pub mod frame {
     pub const GYRO: &str = "camera_gyro_optical_frame";
     /// The accelerometer, axes as those of [`CAMERA`].
     pub const ACCEL: &str = "camera_accel_optical_frame";
+    /// The right camera of a stereo camera.
+    pub const RIGHT_CAMERA: &str = "camera_right_optical_frame";
+    /// The inertial sensor of a data set that has its own frame for it.
+    pub const IMU: &str = "imu";
 }
 
 /// The layer that the SLAM reads unless told otherwise.
@@ -157,8 +166,8 @@ pub fn schema_name(topic: &str) -> Option<&'static str> {
     match topic {
         GROUND_TRUTH => Some(PoseStamped::SCHEMA_NAME),
         TF | TF_STATIC => Some(TFMessage::SCHEMA_NAME),
-        COLOR_INFO | DEPTH_INFO | DEPTH_NATIVE_INFO => Some(CameraInfo::SCHEMA_NAME),
-        COLOR => Some(CompressedImage::SCHEMA_NAME),
+        COLOR_INFO | DEPTH_INFO | RIGHT_INFO | DEPTH_NATIVE_INFO => Some(CameraInfo::SCHEMA_NAME),
+        COLOR | RIGHT => Some(CompressedImage::SCHEMA_NAME),
         DEPTH | DEPTH_NATIVE | COLOR_RAW => Some(Image::SCHEMA_NAME),
         IMU | GYRO | ACCEL => Some(Imu::SCHEMA_NAME),
         GYRO_INFO | ACCEL_INFO => Some(MotionIntrinsics::SCHEMA_NAME),

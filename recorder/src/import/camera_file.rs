@@ -33,7 +33,7 @@ pub fn read(path: &Path, size: (u32, u32)) -> Result<CameraFile, ImportError> {
 }
 
 /// Keys in lower case, values as their own text.
-type Table = BTreeMap<String, Vec<String>>;
+pub type Table = BTreeMap<String, Vec<String>>;
 
 fn camera(table: &Table, size: (u32, u32)) -> Result<CameraModel, String> {
     let number = |key: &str, index: usize| -> Result<Option<f64>, String> {
@@ -103,7 +103,7 @@ fn json_table(text: &str) -> Result<Table, String> {
 
 /// The YAML that calibration files use: `key: value`, one level of nesting, lists in brackets (also over several lines)
 /// or as `- ` items.
-fn yaml_table(text: &str) -> Result<Table, String> {
+pub fn yaml_table(text: &str) -> Result<Table, String> {
     let mut table = Table::new();
     let mut parent = String::new();
     let mut key = String::new();

@@ -74,7 +74,7 @@ pub fn poses(path: &Path, repairs: &mut Repairs) -> Result<Vec<PoseRow>, ImportE
 }
 
 /// Lines that are neither empty nor comments, with their numbers from 1.
-fn data_lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
+pub fn data_lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let numbered = text.lines().enumerate().map(|(index, line)| (index + 1, line.trim()));
     numbered.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
 }
@@ -91,12 +91,13 @@ fn parse_stamp(path: &Path, line: usize, text: &str, repairs: &mut Repairs) -> R
     Ok(stamp)
 }
 
-fn line_error(path: &Path, line: usize, message: String) -> ImportError {
+/// An error that names the line.
+pub fn line_error(path: &Path, line: usize, message: String) -> ImportError {
     ImportError::Line { path: path.to_owned(), line, message }
 }
 
 /// Sorts by time, keeping the first of equal stamps.
-fn in_order<T>(mut rows: Vec<T>, stamp: impl Fn(&T) -> Stamp, path: &Path, repairs: &mut Repairs) -> Vec<T> {
+pub fn in_order<T>(mut rows: Vec<T>, stamp: impl Fn(&T) -> Stamp, path: &Path, repairs: &mut Repairs) -> Vec<T> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let unsorted = rows.windows(2).filter(|pair| stamp(&pair[0]) > stamp(&pair[1])).count();
     repairs.add(&format!("row of {name} out of order sorted in"), unsorted as u64);

@@ -3,9 +3,14 @@
 
 mod camera_file;
 mod coco;
+mod euroc;
+mod kitti;
 mod lists;
+mod sequence;
 mod tum;
 
+pub use euroc::{EurocOptions, TruthOf, euroc};
+pub use kitti::{KittiOptions, kitti};
 pub use tum::tum;
 
 use crate::log_writer::WriteError;
@@ -161,6 +166,62 @@ impl fmt::Display for ImportReport {
         }
         let c = &self.camera;
         writeln!(f, "calibration    fx {} fy {} cx {} cy {}, {}", c.fx, c.fy, c.cx, c.cy, self.camera_origin)?;
+        for (what, count) in &self.repairs {
+            writeln!(f, "repaired       {count} x {what}")?;
+        }
+        Ok(())
+    }
+}
+
+/// What the import of a sequence of one or two cameras did.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SequenceReport {
+    /// The folder.
+    pub source: PathBuf,
+    /// The log.
+    pub log: PathBuf,
+    /// Its size.
+    pub log_bytes: u64,
+    /// Left (or only) pictures in the log.
+    pub pictures: usize,
+    /// Right pictures in the log.
+    pub right_pictures: usize,
+    /// Pictures of both cameras that were taken at once.
+    pub paired: usize,
+    /// Inertial rows in the log.
+    pub imu_rows: usize,
+    /// Ground-truth poses in the log.
+    pub ground_truth_poses: usize,
+    /// Where they come from, in words.
+    pub ground_truth_origin: String,
+    /// Masks in the log, by layer.
+    pub masks: BTreeMap<String, usize>,
+    /// First and last stamp of all messages.
+    pub span: (Stamp, Stamp),
+    /// The left camera as it records.
+    pub camera: CameraModel,
+    /// Distance of the two cameras.
+    pub baseline_m: Option<f64>,
+    /// What was repaired or left out, with counts; empty = nothing.
+    pub repairs: BTreeMap<String, u64>,
+}
+
+impl fmt::Display for SequenceReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "log            {} ({:.1} MB)", self.log.display(), self.log_bytes as f64 / 1e6)?;
+        writeln!(f, "time           {} .. {} s", self.span.0, self.span.1)?;
+        writeln!(f, "pictures       {} of {}x{}", self.pictures, self.camera.width, self.camera.height)?;
+        if let Some(baseline) = self.baseline_m {
+            let (right, paired) = (self.right_pictures, self.paired);
+            writeln!(f, "right camera   {right} pictures, {paired} pairs, baseline {baseline:.4} m")?;
+        }
+        writeln!(f, "inertial       {} rows", self.imu_rows)?;
+        writeln!(f, "ground truth   {} poses ({})", self.ground_truth_poses, self.ground_truth_origin)?;
+        for (layer, masks) in &self.masks {
+            writeln!(f, "segmentation   {masks} masks in layer {layer}")?;
+        }
+        let c = &self.camera;
+        writeln!(f, "calibration    fx {} fy {} cx {} cy {}", c.fx, c.fy, c.cx, c.cy)?;
         for (what, count) in &self.repairs {
             writeln!(f, "repaired       {count} x {what}")?;
         }

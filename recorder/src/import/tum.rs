@@ -233,7 +233,7 @@ fn read_color(dir: &Path, file: &ListedFile) -> Result<ColorFile, ImportError> {
 }
 
 /// Finds annotations for the pictures; pictures without one and annotations without picture are counted.
-fn match_labels(labels: Labels, color: &[ListedFile], repairs: &mut Repairs) -> (Labels, Vec<(usize, usize)>) {
+pub fn match_labels(labels: Labels, color: &[ListedFile], repairs: &mut Repairs) -> (Labels, Vec<(usize, usize)>) {
     let found = color.iter().enumerate().filter_map(|(i, file)| Some((i, labels.find(&file.path)?)));
     let matched: Vec<(usize, usize)> = found.collect();
     let name = &labels.layer.name;
