@@ -147,6 +147,11 @@ impl StereoModel {
         for (side, camera) in [("left", self.left), ("right", self.right), ("rectified", self.rectified)] {
             camera.validated().map_err(|source| StereoError::Camera { side, source })?;
         }
+        let size = |camera: &CameraModel| (camera.width, camera.height);
+        if size(&self.left) != size(&self.right) {
+            let (left, right) = (size(&self.left), size(&self.right));
+            return Err(StereoError::Matrices(format!("pictures of {left:?} and {right:?} pixels: wanted one size")));
+        }
         if !(self.bf.is_finite() && self.bf > 0.0) {
             let bf = self.bf;
             return Err(StereoError::Matrices(format!("baseline x focal length is {bf}, wanted more than 0")));

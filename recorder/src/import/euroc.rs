@@ -128,8 +128,7 @@ impl Sensor {
         let text = read_text(&yaml, " (an EuRoC folder has mav0/cam0/sensor.yaml)")?;
         let parsed = yaml_table(&text).and_then(|table| Ok((camera(&table)?, extrinsics(&table)?)));
         let (camera, body_from_sensor) = parsed.map_err(|message| ImportError::content(&yaml, message))?;
-        let camera =
-            camera.validated().map_err(|source| ImportError::Calibration { path: yaml.clone(), source })?;
+        let camera = camera.validated().map_err(|source| ImportError::Calibration { path: yaml.clone(), source })?;
         Ok(Self { dir: dir.to_owned(), yaml, camera, body_from_sensor })
     }
 
@@ -141,8 +140,11 @@ impl Sensor {
 
 fn numbers<const N: usize>(table: &Table, key: &str) -> Result<[f64; N], String> {
     let texts = table.get(key).ok_or_else(|| format!("no {key}"))?;
-    let values: Vec<f64> =
-        texts.iter().map(|t| t.parse()).collect::<Result<_, _>>().map_err(|_| format!("{key} is no list of numbers"))?;
+    let values: Vec<f64> = texts
+        .iter()
+        .map(|t| t.parse())
+        .collect::<Result<_, _>>()
+        .map_err(|_| format!("{key} is no list of numbers"))?;
     let count = values.len();
     values.try_into().map_err(|_| format!("{key} has {count} numbers, wanted {N}"))
 }

@@ -170,7 +170,8 @@ fn poses(path: &Path, stamps: &[Stamp], camera_from_camera0: &Vector3<f64>) -> R
 }
 
 fn values<const N: usize>(path: &Path, line: usize, row: &str) -> Result<[f64; N], ImportError> {
-    let parsed: Option<Vec<f64>> = row.split_whitespace().map(|t| t.parse().ok().filter(|v: &f64| v.is_finite())).collect();
+    let parsed: Option<Vec<f64>> =
+        row.split_whitespace().map(|t| t.parse().ok().filter(|v: &f64| v.is_finite())).collect();
     let parsed = parsed.ok_or_else(|| line_error(path, line, "holds something that is no number".to_owned()))?;
     let count = parsed.len();
     parsed.try_into().map_err(|_| line_error(path, line, format!("{count} numbers, wanted {N}")))

@@ -6,6 +6,7 @@ use std::path::Path;
 
 use schemas::calibration::CameraModel;
 use schemas::msg::{CameraInfo, CategoryTable, CompressedImage, Imu, LabelInfo, SegmentTable, TFMessage};
+use schemas::stereo::StereoModel;
 use schemas::{Stamp, metadata, topics};
 use serde::Serialize;
 
@@ -241,7 +242,8 @@ impl Checker {
         let topic = message.channel.topic.as_str();
         match topic {
             topics::COLOR_INFO | topics::DEPTH_INFO => self.calibration(topic, decoded(data)?)?,
-            topics::COLOR => {
+            topics::RIGHT_INFO => self.right_calibration(decoded(data)?)?,
+            topics::COLOR | topics::RIGHT => {
                 let picture: CompressedImage<'_> = decoded(data)?;
                 color(&picture.format, &picture.data, self.size()?)?;
             }
@@ -291,6 +293,20 @@ impl Checker {
         Ok(())
     }
 
+    /// The right camera's calibration must make a stereo camera with the left one's, and stay the same.
+    fn right_calibration(&mut self, mut info: CameraInfo) -> Result<(), String> {
+        info.header = schemas::msg::Header::default();
+        let left =
+            self.infos.get(topics::COLOR_INFO).ok_or("no usable calibration of the left camera stands before it")?;
+        StereoModel::from_camera_infos(left, &info).map_err(|error| error.to_string())?;
+        let first = self.infos.entry(topics::RIGHT_INFO.to_owned()).or_insert_with(|| info.clone());
+        if *first == info {
+            Ok(())
+        } else {
+            Err(format!("the calibration changes: p {:?} after {:?}", info.p, first.p))
+        }
+    }
+
     /// Compares what the closing records say with what was met.
     fn summary(&mut self) {
         let Some(statistics) = self.statistics.take() else {
@@ -327,6 +343,14 @@ impl Checker {
         if timeline.unpaired_depth > 0 {
             let what = format!("{} depth images belong to no picture", timeline.unpaired_depth);
             self.find(Severity::Warning, "depth_without_picture", what);
+        }
+        let has_right = timeline.frames().iter().any(|frame| frame.right_stamp().is_some());
+        for frame in timeline.frames().iter().filter(|frame| has_right && frame.right_stamp().is_none()) {
+            self.find(Severity::Warning, "picture_without_right", format!("picture at {} s", frame.stamp));
+        }
+        if timeline.unpaired_right > 0 {
+            let what = format!("{} right pictures belong to no left one", timeline.unpaired_right);
+            self.find(Severity::Warning, "right_without_picture", what);
         }
         let layers: Vec<String> = self.log.layers().into_iter().map(str::to_owned).collect();
         for layer in layers {

@@ -56,6 +56,8 @@ pub struct DecodedFrame {
     pub stamp: Stamp,
     /// The colour picture, in the camera's size.
     pub rgb: RgbImage,
+    /// The right picture of a stereo camera, in the same size.
+    pub right: Option<RgbImage>,
     /// Paired depth.
     pub depth: Option<DepthPixels>,
     /// Segmentation of the timeline's layer.
@@ -82,6 +84,13 @@ pub fn decode(raw: &RawFrame, camera: &CameraModel) -> Result<DecodedFrame, Deco
     let error = |reason| DecodeError { index: raw.index, stamp: raw.stamp, reason };
     let size = (camera.width as usize, camera.height as usize);
     let data = color(&raw.color.format, &raw.color.bytes, size).map_err(|r| error(format!("colour picture: {r}")))?;
+    let right = match &raw.right {
+        None => None,
+        Some(image) => {
+            let data = color(&image.format, &image.bytes, size).map_err(|r| error(format!("right picture: {r}")))?;
+            Some(RgbImage { width: size.0, height: size.1, data })
+        }
+    };
     let depth = match &raw.depth {
         None => None,
         Some(message) => {
@@ -91,7 +100,7 @@ pub fn decode(raw: &RawFrame, camera: &CameraModel) -> Result<DecodedFrame, Deco
     };
     let mask = mask_of(raw, camera).map_err(error)?;
     let rgb = RgbImage { width: size.0, height: size.1, data };
-    Ok(DecodedFrame { index: raw.index, stamp: raw.stamp, rgb, depth, mask })
+    Ok(DecodedFrame { index: raw.index, stamp: raw.stamp, rgb, right, depth, mask })
 }
 
 /// A frame's labels alone.

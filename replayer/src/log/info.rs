@@ -8,8 +8,8 @@ use schemas::topics;
 use schemas::{Stamp, metadata};
 use serde::Serialize;
 
-use super::Log;
 use super::open::Topic;
+use super::{Log, Timeline};
 
 /// Version of the JSON form of [`LogInfo`].
 const INFO_VERSION: u32 = 1;
@@ -43,6 +43,10 @@ pub struct LogInfo {
     pub frames_with_depth: usize,
     /// Depth images that belong to no picture.
     pub unpaired_depth: usize,
+    /// Pictures with a right one.
+    pub frames_with_right: usize,
+    /// Distance of the cameras of a stereo camera, metres.
+    pub baseline_m: Option<f64>,
     /// Format of the first picture, `png` or `jpeg`.
     pub color_format: Option<String>,
     /// Colour camera.
@@ -158,6 +162,9 @@ impl Log {
         let timeline = self.timeline(None);
         let (unpaired_color, unpaired_depth) =
             timeline.as_ref().map_or((0, 0), |t| (t.unpaired_color, t.unpaired_depth));
+        let with_right = |t: &Timeline| t.frames().iter().filter(|frame| frame.right_stamp().is_some()).count();
+        let frames_with_right = timeline.as_ref().map_or(0, with_right);
+        let stereo = self.stereo().map_err(|error| problems.push(error.to_string())).ok().flatten();
         let colors = self.sorted(topics::COLOR);
         problems.extend(timeline.err().map(|error| error.to_string()));
         let camera = self.camera().map_err(|error| problems.push(error.to_string())).ok();
@@ -191,6 +198,8 @@ impl Log {
             frames: colors.len(),
             frames_with_depth: colors.len().saturating_sub(unpaired_color),
             unpaired_depth,
+            frames_with_right,
+            baseline_m: stereo.map(|stereo| stereo.baseline_m()),
             color_format: self.first_color_format.clone(),
             camera,
             depth_units_per_metre: units,
@@ -226,6 +235,9 @@ impl fmt::Display for LogInfo {
                 [0.0, 0.0, 0.0, 0.0, 0.0] => writeln!(f, "distortion    none")?,
                 d => writeln!(f, "distortion    radtan {d:?}")?,
             }
+        }
+        if let Some(baseline) = self.baseline_m {
+            writeln!(f, "right camera  {} pictures in pairs, baseline {baseline:.4} m", self.frames_with_right)?;
         }
         if let Some(units) = self.depth_units_per_metre {
             writeln!(f, "depth         {units} per metre")?;

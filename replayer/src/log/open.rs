@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use schemas::calibration::CameraModel;
 use schemas::cdr::{Cdr, Reader};
 use schemas::msg::{CameraInfo, Category, CategoryTable, CompressedImage, Header, PoseStamped};
+use schemas::stereo::StereoModel;
 use schemas::sync::{Signals, SyncRecord};
 use schemas::{Message, Stamp, metadata, topics};
 use slam_math::Se3;
@@ -46,6 +47,7 @@ pub struct Log {
     pub(crate) attachments: Vec<AttachmentInfo>,
     pub(crate) chunks: usize,
     pub(crate) camera_info: Option<CameraInfo>,
+    pub(crate) right_info: Option<CameraInfo>,
     pub(crate) first_color_format: Option<String>,
     pub(crate) categories: BTreeMap<String, Vec<Category>>,
     ground_truth: Trajectory,
@@ -80,6 +82,7 @@ impl Log {
             attachments: Vec::new(),
             chunks: 0,
             camera_info: None,
+            right_info: None,
             first_color_format: None,
             categories: BTreeMap::new(),
             ground_truth: Trajectory::default(),
@@ -140,6 +143,17 @@ impl Log {
         let info = self.camera_info.as_ref().ok_or_else(missing)?;
         CameraModel::from_camera_info(info)
             .map_err(|error| LogError::missing(&self.path, format!("no usable calibration on {topic}: {error}")))
+    }
+
+    /// Both cameras of a stereo camera, from the first calibrations in the log; `None` without a right camera.
+    ///
+    /// # Errors
+    /// Calibrations that are none, or not of one stereo camera.
+    pub fn stereo(&self) -> Result<Option<StereoModel>, LogError> {
+        let (Some(left), Some(right)) = (&self.camera_info, &self.right_info) else { return Ok(None) };
+        let (a, b) = (topics::COLOR_INFO, topics::RIGHT_INFO);
+        let unusable = |error| LogError::missing(&self.path, format!("no stereo camera on {a} and {b}: {error}"));
+        StereoModel::from_camera_infos(left, right).map(Some).map_err(unusable)
     }
 
     /// Depth value of one metre: the log's metadata, else the channel's, else 1000 (ROS depth images are millimetres).
@@ -226,6 +240,7 @@ impl Log {
         let data = message.data;
         match message.channel.topic.as_str() {
             topics::COLOR_INFO if self.camera_info.is_none() => self.camera_info = Some(decoded(data)?),
+            topics::RIGHT_INFO if self.right_info.is_none() => self.right_info = Some(decoded(data)?),
             topics::COLOR if self.first_color_format.is_none() => {
                 self.first_color_format = Some(decoded::<CompressedImage<'_>>(data)?.format);
             }

@@ -38,6 +38,8 @@ pub struct RawFrame {
     pub color: EncodedImage,
     /// Depth value of one metre.
     pub units_per_metre: f64,
+    /// The right picture of the pair.
+    pub right: Option<EncodedImage>,
     /// The paired depth image's message.
     pub(crate) depth: Option<Vec<u8>>,
     /// Class image, instance image and segment table.
@@ -69,21 +71,26 @@ impl FrameStream {
 
     fn frame(&mut self, index: usize) -> Result<RawFrame, LogError> {
         let frame = self.frames[index];
-        let color = self.message(frame.color)?;
-        let color = decoded::<CompressedImage<'_>>(&color).map_err(|reason| LogError::Message {
-            path: self.path.clone(),
-            topic: topics::COLOR.to_owned(),
-            sequence: frame.color.sequence,
-            stamp: frame.stamp,
-            reason,
-        })?;
-        let color = EncodedImage { format: color.format, bytes: color.data.into_owned() };
+        let color = self.picture(topics::COLOR, frame.color)?;
+        let right = frame.right.map(|entry| self.picture(topics::RIGHT, entry)).transpose()?;
         let depth = frame.depth.map(|entry| self.message(entry)).transpose()?;
         let mask = match frame.mask {
             Some(m) => Some([self.message(m.class)?, self.message(m.instance)?, self.message(m.segments)?]),
             None => None,
         };
-        Ok(RawFrame { index, stamp: frame.stamp, color, units_per_metre: self.units_per_metre, depth, mask })
+        Ok(RawFrame { index, stamp: frame.stamp, color, right, units_per_metre: self.units_per_metre, depth, mask })
+    }
+
+    fn picture(&mut self, topic: &str, entry: Entry) -> Result<EncodedImage, LogError> {
+        let message = self.message(entry)?;
+        let image = decoded::<CompressedImage<'_>>(&message).map_err(|reason| LogError::Message {
+            path: self.path.clone(),
+            topic: topic.to_owned(),
+            sequence: entry.sequence,
+            stamp: entry.stamp,
+            reason,
+        })?;
+        Ok(EncodedImage { format: image.format, bytes: image.data.into_owned() })
     }
 
     /// A message's bytes, from the chunk or straight from the file.

@@ -16,6 +16,7 @@ pub struct TimelineFrame {
     pub stamp: Stamp,
     pub(crate) color: Entry,
     pub(crate) depth: Option<Entry>,
+    pub(crate) right: Option<Entry>,
     pub(crate) mask: Option<MaskEntries>,
 }
 
@@ -34,10 +35,41 @@ impl TimelineFrame {
         self.depth.map(|entry| entry.stamp)
     }
 
+    /// Stamp of the right picture of a pair.
+    #[must_use]
+    pub fn right_stamp(&self) -> Option<Stamp> {
+        self.right.map(|entry| entry.stamp)
+    }
+
     /// Whether the layer has a mask for this picture.
     #[must_use]
     pub fn has_mask(&self) -> bool {
         self.mask.is_some()
+    }
+}
+
+/// Messages of another topic that belong to the pictures.
+struct Partners {
+    /// By picture.
+    of: Vec<Option<Entry>>,
+    /// Messages that belong to none.
+    left_over: usize,
+}
+
+impl Partners {
+    fn find(pictures: &[Entry], others: &[Entry], tolerance_ns: u64) -> Self {
+        let stamps = |entries: &[Entry]| entries.iter().map(|e| e.stamp).collect::<Vec<_>>();
+        let pairs = pairing::associate(&stamps(pictures), &stamps(others), tolerance_ns);
+        let mut of = vec![None; pictures.len()];
+        for &(picture, other) in &pairs {
+            of[picture] = Some(others[other]);
+        }
+        Self { of, left_over: others.len() - pairs.len() }
+    }
+
+    /// Pictures without a partner.
+    fn missing(&self) -> usize {
+        self.of.iter().filter(|partner| partner.is_none()).count()
     }
 }
 
@@ -53,6 +85,8 @@ pub struct Timeline {
     pub unpaired_color: usize,
     /// Depth images that belong to no picture.
     pub unpaired_depth: usize,
+    /// Right pictures that belong to no left one.
+    pub unpaired_right: usize,
     frames: Arc<[TimelineFrame]>,
 }
 
@@ -61,6 +95,17 @@ impl Timeline {
     #[must_use]
     pub fn frames(&self) -> &[TimelineFrame] {
         &self.frames
+    }
+
+    /// The same frames without their depth images or right pictures, which are then not read.
+    #[must_use]
+    pub fn keeping(self, depth: bool, right: bool) -> Self {
+        let kept = |frame: &TimelineFrame| TimelineFrame {
+            depth: frame.depth.filter(|_| depth),
+            right: frame.right.filter(|_| right),
+            ..*frame
+        };
+        Self { frames: self.frames.iter().map(kept).collect(), ..self }
     }
 
     /// Reads the frames of a range of indices; what is beyond the end is left out.
@@ -74,8 +119,8 @@ impl Timeline {
 }
 
 impl Log {
-    /// Pairs colour with depth (the log's own tolerance, [`pairing::associate`]) and with the masks of `layer`, which
-    /// carry the picture's stamp.
+    /// Pairs pictures with depth images and right pictures (the log's own tolerance, [`pairing::associate`]) and with the
+    /// masks of `layer`, which carry the picture's stamp.
     ///
     /// # Errors
     /// No colour pictures, a layer that is not in the log, or an unreadable depth scale or tolerance.
@@ -86,25 +131,22 @@ impl Log {
             let what = format!("no pictures on {}; the topics are: {}", topics::COLOR, there.join(", "));
             return Err(LogError::missing(&self.path, what));
         }
-        let depths = self.sorted(topics::DEPTH);
-        let stamps = |entries: &[Entry]| entries.iter().map(|e| e.stamp).collect::<Vec<_>>();
-        let pairs = pairing::associate(&stamps(&colors), &stamps(&depths), self.pairing_tolerance_ns()?);
-        let mut depth_of = vec![None; colors.len()];
-        for &(color, depth) in &pairs {
-            depth_of[color] = Some(depths[depth]);
-        }
+        let tolerance_ns = self.pairing_tolerance_ns()?;
+        let depths = Partners::find(&colors, &self.sorted(topics::DEPTH), tolerance_ns);
+        let rights = Partners::find(&colors, &self.sorted(topics::RIGHT), tolerance_ns);
         let masks = layer.map(|layer| self.masks(layer)).transpose()?.unwrap_or_default();
-        let frame = |(color, depth): (&Entry, Option<Entry>)| {
+        let frame = |(i, color): (usize, &Entry)| {
             let mask = masks.binary_search_by_key(&color.stamp, |m| m.class.stamp).ok().map(|i| masks[i]);
-            TimelineFrame { stamp: color.stamp, color: *color, depth, mask }
+            TimelineFrame { stamp: color.stamp, color: *color, depth: depths.of[i], right: rights.of[i], mask }
         };
         Ok(Timeline {
             path: self.path.clone(),
             units_per_metre: self.depth_units_per_metre()?,
             layer: layer.map(str::to_owned),
-            unpaired_color: colors.len() - pairs.len(),
-            unpaired_depth: depths.len() - pairs.len(),
-            frames: colors.iter().zip(depth_of).map(frame).collect(),
+            unpaired_color: depths.missing(),
+            unpaired_depth: depths.left_over,
+            unpaired_right: rights.left_over,
+            frames: colors.iter().enumerate().map(frame).collect(),
         })
     }
 

@@ -80,7 +80,7 @@ pub(super) fn drive(
         }
         slam.settle(foreman)?;
         let timing = clock.finish(threads, &foreman.job_times);
-        Ok(Some(tally.finish(&slam, timing)))
+        Ok(Some(tally.finish(&slam, source, timing)))
     })
 }
 
@@ -95,7 +95,8 @@ fn prepare(
     let decode_time = watch.lap();
     let observation = Arc::new(front_end.observe(&input, workspace)?);
     let features_time = watch.lap();
-    Ok(Prepared { input, observation, color: raw.color, events, decode_time, features_time })
+    let color = (!source.rig.rectifies()).then_some(raw.color);
+    Ok(Prepared { input, observation, color, events, decode_time, features_time })
 }
 
 /// What is counted on the way.
@@ -131,9 +132,16 @@ impl Tally {
         report.events.iter().for_each(|event| self.event(Some(report.id.0), event));
     }
 
-    fn finish(self, slam: &Slam, timing: Timing) -> Outcome {
-        let (path, online) = (MainPath::of(slam.trajectory()), MainPath::of(self.online.iter().copied()));
+    fn finish(self, slam: &Slam, source: &Source, timing: Timing) -> Outcome {
+        // Trajectories are those of the camera as it records, whatever way the slam's pictures were turned.
+        let recorded = |pose: TrajectoryPose| TrajectoryPose {
+            world_from_camera: pose.world_from_camera * source.rig.slam_from_recorded,
+            ..pose
+        };
+        let path = MainPath::of(slam.trajectory().map(recorded));
+        let online = MainPath::of(self.online.iter().copied().map(recorded));
         let result = RunResult {
+            sensor: source.rig.sensor.name().to_owned(),
             tracked: self.online.len(),
             lost: self.lost.len(),
             lost_frames: ranges(&self.lost),

@@ -36,10 +36,11 @@ mod enabled {
 
         pub fn frame(&mut self, stepped: &Stepped<'_>) -> Result<(), RunError> {
             let Some(inspector) = &mut self.0 else { return Ok(()) };
-            let color = &stepped.prepared.color;
-            let codec = if color.format == format::PNG { ImageCodec::Png } else { ImageCodec::Jpeg };
-            let color = ColorPicture { bytes: &color.bytes, codec };
-            Ok(inspector.frame(&stepped.prepared.input, Some(color), stepped.report, stepped.slam.map())?)
+            let color = stepped.prepared.color.as_ref().map(|color| {
+                let codec = if color.format == format::PNG { ImageCodec::Png } else { ImageCodec::Jpeg };
+                ColorPicture { bytes: &color.bytes, codec }
+            });
+            Ok(inspector.frame(&stepped.prepared.input, color, stepped.report, stepped.slam.map())?)
         }
 
         pub fn finish(self, trajectory: &Trajectory, truth: &Trajectory) -> Result<(), RunError> {

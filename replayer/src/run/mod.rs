@@ -30,6 +30,7 @@ mod error;
 mod folder;
 mod inspection;
 pub mod records;
+mod rig;
 mod source;
 mod summary;
 mod timing;

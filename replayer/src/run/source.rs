@@ -3,21 +3,24 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use schemas::calibration::{self, CameraModel};
+use schemas::calibration::CameraModel;
 use slam::report::Event;
 use slam::{Category, Config, DepthImage, FrameInput, PanopticMask, Segment, Sensor, Setup};
 use slam_math::{FrameId, Stamp};
-use slam_vision::{Camera, Distortion, gray_from_rgb};
+use slam_vision::gray_from_rgb;
 
 use super::RunError;
 use super::records::RunHeader;
+use super::rig::Rig;
 use crate::log::{DecodedFrame, Log, MaskPixels, RawFrame, Timeline, decode};
 
 /// A log, opened for one replay: everything that decides its result.
 pub(super) struct Source {
     pub log: Log,
     pub timeline: Timeline,
+    /// The camera as it records.
     pub camera: CameraModel,
+    pub rig: Rig,
     pub setup: Setup,
     pub config: Config,
     /// Indices on the timeline, none beyond its end.
@@ -33,6 +36,9 @@ impl Source {
         let layer = layer.or_else(|| log.default_layer());
         let timeline = log.timeline(layer)?;
         let camera = log.camera()?;
+        let rig = Rig::new(&log, &timeline, config.sensor.kind)?;
+        let uses = |sensor: Sensor| rig.sensor.name() == sensor.name();
+        let timeline = timeline.keeping(uses(Sensor::Rgbd), uses(Sensor::Stereo { bf: 0.0 }));
         let categories: Vec<Category> =
             layer.map_or(&[][..], |layer| log.categories(layer)).iter().map(category).collect();
         let (range, mut notes) = clip(frames, timeline.frames().len())?;
@@ -42,11 +48,12 @@ impl Source {
         }
         Ok(Self {
             category_ids: categories.iter().map(|c| c.id).collect(),
-            setup: Setup { camera: slam_camera(&camera), sensor: Sensor::Rgbd, categories },
+            setup: Setup { camera: rig.camera, sensor: rig.sensor, categories },
             config: config.clone(),
             log,
             timeline,
             camera,
+            rig,
             range,
             notes,
         })
@@ -67,12 +74,16 @@ impl Source {
     pub fn input(&self, raw: &RawFrame) -> Result<(FrameInput, Vec<Event>), RunError> {
         let decoded =
             decode(raw, &self.camera).map_err(|source| RunError::Decode { log: self.log.path().to_owned(), source })?;
-        let DecodedFrame { index, stamp, rgb, depth, mask } = decoded;
+        let DecodedFrame { index, stamp, rgb, right, depth, mask } = decoded;
         let (width, height) = (rgb.width, rgb.height);
         let mut events = Vec::new();
         let mut warn = |text: String| events.push(Event { warning: true, text });
-        if depth.is_none() {
-            warn("no depth image within the pairing tolerance".to_owned());
+        match self.rig.sensor {
+            Sensor::Rgbd if depth.is_none() => warn("no depth image within the pairing tolerance".to_owned()),
+            Sensor::Stereo { .. } if right.is_none() => {
+                warn("no right picture within the pairing tolerance".to_owned())
+            }
+            _ => {}
         }
         match (&mask, &self.timeline.layer) {
             (None, Some(layer)) => warn(format!("no mask in layer {layer}")),
@@ -88,12 +99,24 @@ impl Source {
         let input = FrameInput {
             id: FrameId((index - self.range.start) as u32),
             stamp: Stamp(stamp.0),
-            gray: gray_from_rgb(&rgb.data, width, height)?,
-            right: None,
+            gray: self.rig.left(gray_from_rgb(&rgb.data, width, height)?),
+            right: right.map(|right| gray_from_rgb(&right.data, width, height)).transpose()?.map(|r| self.rig.right(r)),
             depth: depth.map(Arc::new),
-            panoptic: mask.map(|mask| Arc::new(panoptic(mask, width, height))),
+            panoptic: mask.map(|mask| Arc::new(self.panoptic(mask, width, height))),
         };
         Ok((input, events))
+    }
+
+    fn panoptic(&self, mask: MaskPixels, width: usize, height: usize) -> PanopticMask {
+        // What is no confidence, such as `SCORE_UNKNOWN`, tells nothing.
+        let score = |score: f32| if (0.0..=1.0).contains(&score) { score } else { 1.0 };
+        let segment = |s: schemas::msg::Segment| Segment { id: s.id, category: s.category_id, score: score(s.score) };
+        PanopticMask {
+            width,
+            height,
+            ids: self.rig.labels(mask.instance),
+            segments: mask.segments.into_iter().map(segment).collect(),
+        }
     }
 }
 
@@ -109,22 +132,6 @@ fn clip(wanted: Option<Range<usize>>, there: usize) -> Result<(Range<usize>, Vec
     Ok((range, clipped.then_some(Event { warning: true, text }).into_iter().collect()))
 }
 
-fn slam_camera(model: &CameraModel) -> Camera {
-    let CameraModel { width, height, fx, fy, cx, cy, distortion } = *model;
-    let distortion = match distortion {
-        calibration::Distortion::None => Distortion::None,
-        calibration::Distortion::Radtan { k1, k2, p1, p2, k3 } => Distortion::Radtan { k1, k2, p1, p2, k3 },
-    };
-    Camera { fx, fy, cx, cy, width, height, distortion }
-}
-
 fn category(category: &schemas::msg::Category) -> Category {
     Category { id: category.id, name: category.name.clone(), is_thing: category.is_thing }
-}
-
-fn panoptic(mask: MaskPixels, width: usize, height: usize) -> PanopticMask {
-    // What is no confidence, such as `SCORE_UNKNOWN`, tells nothing.
-    let score = |score: f32| if (0.0..=1.0).contains(&score) { score } else { 1.0 };
-    let segment = |s: schemas::msg::Segment| Segment { id: s.id, category: s.category_id, score: score(s.score) };
-    PanopticMask { width, height, ids: mask.instance, segments: mask.segments.into_iter().map(segment).collect() }
 }

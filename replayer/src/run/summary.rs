@@ -32,6 +32,8 @@ pub struct RunSummary {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunResult {
+    /// What the slam saw with: `rgbd`, `stereo` or `monocular`. Lengths of a monocular run have no unit.
+    pub sensor: String,
     /// Frames replayed; none is ever skipped.
     pub frames: usize,
     /// Frames with a pose.
@@ -105,6 +107,7 @@ impl fmt::Display for RunSummary {
         let Range { start, end } = &self.header.frames;
         writeln!(f, "log          {} (frames {start}..{end})", self.log.display())?;
         writeln!(f, "config       {}", self.config_name)?;
+        writeln!(f, "sensor       {}", r.sensor)?;
         writeln!(f, "layer        {}", self.header.layer.as_deref().unwrap_or("none"))?;
         let share = 100.0 * r.tracked as f64 / r.frames.max(1) as f64;
         writeln!(

@@ -23,9 +23,9 @@ use crate::stopwatch::Stopwatch;
 pub(super) struct Prepared {
     pub input: FrameInput,
     pub observation: Arc<Observation>,
-    /// The colour file as the log holds it, for the inspection file.
+    /// The colour file as the log holds it, for the inspection file; `None` when the slam sees it rectified.
     #[cfg_attr(not(feature = "rerun"), expect(dead_code, reason = "only the inspection file shows it"))]
-    pub color: EncodedImage,
+    pub color: Option<EncodedImage>,
     /// What the frame lacks.
     pub events: Vec<Event>,
     pub decode_time: Duration,

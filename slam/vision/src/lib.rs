@@ -29,6 +29,7 @@ mod image;
 mod kernels;
 mod orb;
 mod place;
+mod rectify;
 mod stereo;
 
 pub use camera::{Bounds, Camera, Distortion};
@@ -39,4 +40,5 @@ pub use image::{GrayImage, Image, gray_from_rgb};
 pub use kernels::Kernels;
 pub use orb::{Features, OrbConfig, OrbExtractor, Workspace};
 pub use place::PlaceIndex;
+pub use rectify::Rectifier;
 pub use stereo::StereoOptions;
