@@ -146,6 +146,8 @@ sections! {
         min_baseline_share: f64,
         /// Weight (observations) that a young point needs.
         min_weight: u32,
+        /// Neighbours for triangulation.
+        neighbours: usize,
     }
 
     /// Frame to map tracking.

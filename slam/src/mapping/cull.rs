@@ -25,11 +25,12 @@ impl YoungPoints {
     /// the newest keyframe. Returns the number removed.
     pub fn cull(&mut self, ctx: &Context, editor: &mut Editor<'_>, current: KeyFrameId) -> u32 {
         let m = &ctx.config.mapping;
+        let min_weight = if ctx.is_monocular() { ctx.config.monocular.min_weight } else { m.min_weight };
         let (mut kept, mut culled) = (Vec::with_capacity(self.0.len()), 0);
         for id in std::mem::take(&mut self.0) {
             let Some(point) = editor.map().point(id) else { continue };
             let age = current.0.saturating_sub(point.created_in.0);
-            let lonely = age + 1 >= m.young_keyframes && point.weight() < m.min_weight;
+            let lonely = age + 1 >= m.young_keyframes && point.weight() < min_weight;
             if point.found_ratio() < m.min_found_ratio || lonely {
                 editor.apply(MapEdit::CullPoint(id));
                 culled += 1;
@@ -67,7 +68,7 @@ fn is_redundant(ctx: &Context, editor: &Editor<'_>, id: KeyFrameId) -> bool {
     }
     let (mut close, mut redundant) = (0, 0);
     for (i, point) in keyframe.points.iter().enumerate() {
-        let near = keyframe.obs.depth(i).is_some_and(|z| z <= ctx.close_m);
+        let near = ctx.is_monocular() || keyframe.obs.depth(i).is_some_and(|z| z <= ctx.close_m);
         let Some(point) = point.filter(|_| near).and_then(|p| map.point(p)) else { continue };
         close += 1;
         let octave = keyframe.obs.octave[i];

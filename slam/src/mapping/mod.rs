@@ -4,11 +4,13 @@ mod create;
 mod cull;
 mod fuse;
 mod local_ba;
+mod start;
 mod triangulate;
 
 pub use crate::map::Editor;
 pub use create::{create_points_from_depth, insert_keyframe};
 pub use cull::YoungPoints;
+pub use start::insert_two_views;
 
 use slam_math::KeyFrameId;
 

@@ -8,7 +8,7 @@ use slam_vision::hamming;
 use super::create::add_point;
 use super::{Editor, YoungPoints};
 use crate::context::Context;
-use crate::map::{KeyFrame, MapEdit, NewPoint};
+use crate::map::{KeyFrame, Map, MapEdit, NewPoint};
 use crate::report::KeypointClass;
 
 /// Matches free keypoints of a keyframe with those of its neighbours along epipolar lines and makes points. Returns how
@@ -20,13 +20,14 @@ pub(super) fn triangulate_with_neighbours(
     id: KeyFrameId,
 ) -> u32 {
     let Some(keyframe) = editor.map().keyframe(id) else { return 0 };
-    let neighbours: Vec<KeyFrameId> = keyframe.best_covisible(ctx.config.mapping.neighbours).collect();
-    let min_baseline = ctx.bf / ctx.pinhole.fx;
+    let count =
+        if ctx.is_monocular() { ctx.config.monocular.neighbours } else { ctx.config.mapping.neighbours };
+    let neighbours: Vec<KeyFrameId> = keyframe.best_covisible(count).collect();
     let mut created = 0;
     for neighbour in neighbours {
         let map = editor.map();
         let (Some(a), Some(b)) = (map.keyframe(id).cloned(), map.keyframe(neighbour).cloned()) else { continue };
-        if (a.center() - b.center()).norm() < min_baseline {
+        if (a.center() - b.center()).norm() < min_baseline(ctx, map, &b) {
             continue;
         }
         for (i, j) in epipolar_matches(ctx, &a, &b) {
@@ -40,6 +41,20 @@ pub(super) fn triangulate_with_neighbours(
         }
     }
     created
+}
+
+/// Distance of the cameras from which two views say more than the depth of one; without depth, more than noise.
+fn min_baseline(ctx: &Context, map: &Map, keyframe: &KeyFrame) -> f64 {
+    if !ctx.is_monocular() {
+        return ctx.bf / ctx.pinhole.fx;
+    }
+    let points = keyframe.points.iter().flatten().filter_map(|id| map.point(*id));
+    let mut depths: Vec<f64> = points.map(|p| keyframe.camera_from_world.transform(&p.position)[2]).collect();
+    let middle = depths.len() / 2;
+    if depths.is_empty() {
+        return f64::INFINITY;
+    }
+    ctx.config.monocular.min_baseline_share * *depths.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 /// Pairs of free usable keypoints with similar descriptors near each other's epipolar line, each keypoint at most once.

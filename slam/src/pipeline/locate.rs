@@ -1,37 +1,12 @@
 //! Where is the camera? The tracking part of a frame.
 
-use slam_math::{MapId, Se3};
-
 use super::step::Step;
-use super::{JobKind, Work};
+use super::Work;
 use crate::map::MapEdit;
-use crate::mapping::YoungPoints;
 use crate::panoptic::FrameFilter;
 use crate::tracking::{LocalMap, relocalize, track_local_map, track_motion_model, track_reference};
 
 impl Step<'_> {
-    /// Starts a map at this frame.
-    pub(super) fn initialize(&mut self, filter: &FrameFilter) -> bool {
-        let with_depth =
-            (0..self.frame.obs.len()).filter(|i| self.frame.usable[*i] && self.frame.obs.depth(*i).is_some());
-        let n = with_depth.count() as u32;
-        self.observer.done(Work::Predict);
-        // No keyframe while local mapping is at work: neither expects the other.
-        if n < self.ctx.config.tracking.min_init_keypoints || !self.slam.schedule.is_idle(JobKind::Mapping) {
-            return false;
-        }
-        let map = self.slam.tracker.next_map;
-        self.slam.tracker.next_map = MapId(map.0 + 1);
-        self.slam.tracker.active = map;
-        // Points of the part that was left are off probation: nobody looks at them, and they may be found again.
-        self.slam.young = YoungPoints::default();
-        self.frame.camera_from_world = Se3::identity();
-        self.insert(filter, map);
-        self.counts.inliers = self.frame.match_count();
-        self.event(map.0 > 0, format!("{map} started with {n} keypoints"));
-        true
-    }
-
     /// The usual frame: prediction, judgement, local map.
     pub(super) fn track(&mut self, filter: &mut FrameFilter) -> bool {
         let found = self.predict();

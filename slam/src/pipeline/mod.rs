@@ -6,6 +6,7 @@ mod job;
 mod locate;
 mod record;
 mod schedule;
+mod start;
 mod step;
 mod summary;
 mod trajectory;
@@ -28,7 +29,7 @@ use crate::mapping::YoungPoints;
 use crate::observation::Observation;
 use crate::panoptic::PanopticFilter;
 use crate::report::{FrameReport, TrackingState};
-use crate::tracking::{LocalMap, TrackedFrame};
+use crate::tracking::{FirstView, LocalMap, TrackedFrame};
 
 /// Why a slam can't be made or a frame can't be taken.
 #[derive(Debug, thiserror::Error)]
@@ -161,6 +162,8 @@ pub struct Slam {
     young: YoungPoints,
     schedule: schedule::Schedule,
     tracker: Tracker,
+    /// Without depth: the view that waits for a second one to start a map.
+    first_view: Option<FirstView>,
     frames: Vec<trajectory::Entry>,
     /// Local map of the frame in work, between tracking and map upkeep.
     last_local: Option<LocalMap>,
@@ -196,6 +199,7 @@ impl Slam {
             young: YoungPoints::default(),
             schedule: schedule::Schedule::default(),
             tracker: Tracker::default(),
+            first_view: None,
             frames: Vec::new(),
             last_local: None,
         })

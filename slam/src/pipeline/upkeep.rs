@@ -25,10 +25,8 @@ impl Step<'_> {
         });
         if let Some(keyframe) = self.slam.map.keyframe(id) {
             self.frame.points = keyframe.points.clone();
-            let usable = (0..frame.obs.len()).filter(|i| frame.usable[*i]);
-            let descriptors: Vec<_> = usable.map(|i| frame.obs.descriptor[i]).collect();
-            self.slam.places.add(id.0, &descriptors);
         }
+        self.remember_place(id);
         self.frame.refer_to(id, &self.slam.map);
         self.slam.tracker.last_keyframe = self.frame.id;
         self.new_keyframe = Some(id);
@@ -59,7 +57,8 @@ impl Step<'_> {
     /// the active part moves into the other's frame.
     fn join_maps(&mut self, id: KeyFrameId) {
         let active = self.slam.tracker.active;
-        if self.slam.tracker.next_map.0 < 2 || self.slam.map.keyframes().all(|k| k.map == active) {
+        // Parts of a monocular atlas differ in scale: one pose in both says nothing about it.
+        if self.ctx.is_monocular() || self.slam.tracker.next_map.0 < 2 || self.slam.map.keyframes().all(|k| k.map == active) {
             return;
         }
         let mut probe = self.frame.clone();

@@ -5,6 +5,7 @@ mod local_map;
 mod pose;
 mod predict;
 mod relocalize;
+mod two_views;
 
 use std::sync::Arc;
 
@@ -16,6 +17,7 @@ pub use local_map::{LocalMap, track_local_map};
 pub use pose::refine_pose;
 pub use predict::{track_motion_model, track_reference};
 pub use relocalize::{Relocalized, relocalize};
+pub use two_views::{FirstView, Start, TwoViews, offer_view};
 
 use crate::map::Map;
 use crate::observation::Observation;
