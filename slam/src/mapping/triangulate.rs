@@ -20,8 +20,7 @@ pub(super) fn triangulate_with_neighbours(
     id: KeyFrameId,
 ) -> u32 {
     let Some(keyframe) = editor.map().keyframe(id) else { return 0 };
-    let count =
-        if ctx.is_monocular() { ctx.config.monocular.neighbours } else { ctx.config.mapping.neighbours };
+    let count = if ctx.is_monocular() { ctx.config.monocular.neighbours } else { ctx.config.mapping.neighbours };
     let neighbours: Vec<KeyFrameId> = keyframe.best_covisible(count).collect();
     let mut created = 0;
     for neighbour in neighbours {

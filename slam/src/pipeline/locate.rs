@@ -1,7 +1,7 @@
 //! Where is the camera? The tracking part of a frame.
 
-use super::step::Step;
 use super::Work;
+use super::step::Step;
 use crate::map::MapEdit;
 use crate::panoptic::FrameFilter;
 use crate::tracking::{LocalMap, relocalize, track_local_map, track_motion_model, track_reference};

@@ -58,7 +58,10 @@ impl Step<'_> {
     fn join_maps(&mut self, id: KeyFrameId) {
         let active = self.slam.tracker.active;
         // Parts of a monocular atlas differ in scale: one pose in both says nothing about it.
-        if self.ctx.is_monocular() || self.slam.tracker.next_map.0 < 2 || self.slam.map.keyframes().all(|k| k.map == active) {
+        if self.ctx.is_monocular()
+            || self.slam.tracker.next_map.0 < 2
+            || self.slam.map.keyframes().all(|k| k.map == active)
+        {
             return;
         }
         let mut probe = self.frame.clone();

@@ -2,9 +2,7 @@
 
 use nalgebra::Vector3;
 use slam_math::{KeyFrameId, MapId, MapPointId, Rng, Se3};
-use slam_optimize::{
-    AbsoluteOptions, PoseObservation, PoseOptions, absolute_orientation_ransac, absolute_pose_ransac,
-};
+use slam_optimize::{AbsoluteOptions, PoseObservation, PoseOptions, absolute_orientation_ransac, absolute_pose_ransac};
 use slam_vision::PlaceIndex;
 
 use super::predict::match_descriptors;
