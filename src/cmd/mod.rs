@@ -4,6 +4,7 @@ mod bench;
 mod check;
 mod config;
 mod demo;
+mod devices;
 mod diff;
 mod eval;
 mod import;
@@ -11,6 +12,7 @@ mod info;
 mod recover;
 mod replay;
 mod run_folder;
+mod sim;
 mod suite;
 mod sync;
 mod verify;
@@ -21,6 +23,8 @@ use crate::progress::Progress;
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
+    /// Show what could be recorded.
+    Devices(devices::Devices),
     /// Turn a data set folder into a log.
     #[command(subcommand)]
     Import(import::Source),
@@ -46,6 +50,9 @@ pub enum Command {
     Bench(bench::Bench),
     /// Run many logs with several configurations and print the tables.
     Suite(suite::Suite),
+    /// Serve a trajectory as a motion capture system would: for tests, and for people without one.
+    #[command(subcommand)]
+    Sim(sim::Sim),
     /// Render a sequence with movers, replay it with and without the panoptic filter, show the difference.
     Demo(demo::Demo),
 }
@@ -57,6 +64,7 @@ impl Command {
     /// What the exit codes 2 and 3 of `pslam --help` say.
     pub fn run(self, progress: Progress) -> anyhow::Result<Outcome> {
         match self {
+            Self::Devices(command) => command.run(),
             Self::Import(source) => source.run(progress),
             Self::Info(command) => command.run(),
             Self::Check(command) => command.run(),
@@ -69,6 +77,7 @@ impl Command {
             Self::Eval(command) => command.run(),
             Self::Bench(command) => command.run(progress),
             Self::Suite(command) => command.run(progress),
+            Self::Sim(command) => command.run(),
             Self::Demo(command) => command.run(progress),
         }
     }

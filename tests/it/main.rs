@@ -8,5 +8,6 @@ mod data;
 mod determinism;
 mod layers;
 mod repo_lint;
+mod sim;
 mod suite;
 mod support;

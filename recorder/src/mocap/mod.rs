@@ -11,6 +11,7 @@ mod frame;
 mod link;
 mod messages;
 pub mod sim;
+mod survey;
 mod tcp;
 pub mod udp;
 pub mod vicon;
@@ -21,6 +22,7 @@ pub use error::MocapError;
 pub use frame::{LatencySample, MocapBody, MocapFrame, MocapMarker};
 pub use link::{Backoff, Link, LinkEvent};
 pub use messages::{MocapMessages, messages};
+pub use survey::{Survey, SurveyBody, survey};
 
 use std::time::Duration;
 

@@ -1,6 +1,7 @@
 //! A path, simulated systems, and what clients see of them.
 
 use nalgebra::Vector6;
+use recorder::Arrival;
 use recorder::mocap::sim::{Fault, Path, Protocol, Script, SimServer};
 use recorder::mocap::udp::{UdpOptions, UdpSource};
 use recorder::mocap::vicon::{ViconOptions, ViconSource};
@@ -45,7 +46,9 @@ pub fn two_subjects(seconds: i64, faults: &[Fault]) -> Script {
 pub fn start(protocol: Protocol, script: &Script) -> SimServer {
     let any: SocketAddr = ([127, 0, 0, 1], 0).into();
     let address = if protocol == Protocol::Udp { free_udp_port() } else { any };
-    SimServer::start(protocol, address, script.clone(), None).unwrap()
+    // A little later, so that the client is there for the first frame.
+    let epoch_ns = Arrival::now().monotonic_ns + 200_000_000;
+    SimServer::start(protocol, address, script.clone(), Some(epoch_ns)).unwrap()
 }
 
 /// An address that nobody has.
