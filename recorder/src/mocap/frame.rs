@@ -78,10 +78,11 @@ pub struct MocapMarker {
 }
 
 impl MocapFrame {
-    /// Time from the picture to the frame's leaving the system, seconds; `None` if the system does not tell.
+    /// Time from the picture to the frame's leaving the system, seconds; `None` if the system does not tell, or tells
+    /// what cannot be: a negative time, more than ten seconds, no number.
     #[must_use]
     pub fn latency_s(&self) -> Option<f64> {
         let sum = self.latency.iter().fold(0.0, |sum, sample| sum + sample.seconds);
-        (!self.latency.is_empty()).then_some(sum)
+        (!self.latency.is_empty() && (0.0..=10.0).contains(&sum)).then_some(sum)
     }
 }

@@ -147,3 +147,17 @@ fn a_short_object_names_itself() {
     assert_eq!(error.to_string(), "byte 16: object 5: 4 bytes wanted at offset 0, 2 are left");
     assert_eq!(u32::MIN_BYTES, 4);
 }
+
+#[test]
+fn latencies_that_cannot_be_are_kept_but_not_believed() {
+    for seconds in [f64::NAN, f64::INFINITY, -1.0, 1e9] {
+        let add = |w: &mut PacketWriter| {
+            w.add(id::FRAME_INFO, &FrameInfo { frame_id: 0 });
+            w.add(id::LATENCY_INFO, &LatencyInfo { samples: vec![Latency { name: "l".to_owned(), seconds }] });
+        };
+        let mut scene = Scene::default();
+        scene.take(packet(add, &[])).unwrap();
+        let seen = frame(&scene);
+        assert_eq!((seen.latency.len(), seen.latency_s()), (1, None));
+    }
+}

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use recorder::mocap::udp::datagram::Datagram;
 use recorder::mocap::vicon::object::*;
-use recorder::mocap::vicon::packet::{Inbox, MAX_PACKET_BYTES, Packet, PacketWriter};
+use recorder::mocap::vicon::packet::{Inbox, MAX_PACKET_BYTES, Packet, PacketWriter, packet_of};
 use recorder::mocap::vicon::{Scene, Segments as Kind};
 use recorder::mocap::vrpn::message::{self, COOKIE, Message};
 use recorder::mocap::{MocapSource as _, vicon, vrpn};
@@ -184,5 +184,23 @@ fn vrpn_lengths_and_greetings() {
     assert!(error.contains("a message of 4294967295 bytes"), "{error}");
     let error = source.connect().unwrap_err().to_string();
     assert!(error.contains("is not that of VRPN 07"), "{error}");
+    server.join().unwrap();
+}
+
+#[test]
+fn a_server_that_only_echoes_does_not_hold_a_recorder_up() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    let server = std::thread::spawn(move || {
+        let (mut stream, _) = listener.accept().unwrap();
+        let ids = [id::GLOBAL_SEGMENTS, id::FRAME_INFO].into();
+        stream.write_all(&packet_of(id::OBJECT_ENUMS, &ObjectEnums { ids })).unwrap();
+        let echo = packet_of(id::PING, &Ping { id: 5 });
+        while stream.write_all(&echo).is_ok() {}
+    });
+    let mut source = vicon::ViconSource::new(vicon::ViconOptions::new(&address));
+    source.connect().unwrap();
+    assert!(source.next_frame(Duration::from_millis(200)).unwrap().is_none());
+    drop(source);
     server.join().unwrap();
 }

@@ -5,7 +5,9 @@ use std::fmt;
 use std::path::Path;
 
 use schemas::calibration::CameraModel;
-use schemas::msg::{CameraInfo, CategoryTable, CompressedImage, Imu, LabelInfo, SegmentTable, TFMessage};
+use schemas::msg::{
+    CameraInfo, CategoryTable, CompressedImage, Imu, LabelInfo, MocapFrame, PoseStamped, SegmentTable, TFMessage,
+};
 use schemas::stereo::StereoModel;
 use schemas::{Stamp, metadata, topics};
 use serde::Serialize;
@@ -259,6 +261,8 @@ impl Checker {
             topics::IMU => {
                 decoded::<Imu>(data)?;
             }
+            topics::MOCAP => drop(decoded::<MocapFrame>(data)?),
+            _ if topics::mocap_body_of(topic).is_some() => drop(decoded::<PoseStamped>(data)?),
             _ => match topics::layer_of(topic).and_then(|_| topic.rsplit('/').next()) {
                 Some("categories") => drop(decoded::<CategoryTable>(data)?),
                 Some("label_info") => drop(decoded::<LabelInfo>(data)?),

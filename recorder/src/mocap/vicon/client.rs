@@ -174,7 +174,8 @@ impl Connection {
         };
         let deadline = Deadline::after(options.timeout);
         let offered = loop {
-            let Some(packet) = connection.packet(deadline)? else {
+            let packet = connection.packet(deadline)?.filter(|_| !deadline.left().is_zero());
+            let Some(packet) = packet else {
                 let address = connection.tcp.address().to_owned();
                 return Err(MocapError::Silent { address, waited: options.timeout });
             };
@@ -207,6 +208,10 @@ impl Connection {
             let Some(packet) = self.packet(deadline)? else { return Ok(None) };
             self.pings.echoed(&packet, self.heard);
             if !self.scene.take(packet).map_err(|error| self.protocol(error))? {
+                // Packets without a frame must not keep us here for ever.
+                if deadline.left().is_zero() {
+                    return Ok(None);
+                }
                 continue;
             }
             self.asked = false;
@@ -263,16 +268,20 @@ impl Connection {
     }
 
     fn packet(&mut self, deadline: Deadline) -> Result<Option<Packet>, MocapError> {
+        let mut is_late = false;
         loop {
             if let Some(packet) = self.inbox.next_packet().map_err(|error| self.protocol(error))? {
                 return Ok(Some(packet));
             }
-            match self.tcp.receive(deadline.left())? {
-                Some(piece) => self.inbox.push(piece),
-                None if deadline.left().is_zero() => return Ok(None),
-                None => continue,
+            // A packet that comes in drops must not hold up a recorder that is to stop.
+            if is_late {
+                return Ok(None);
             }
-            self.heard = Arrival::now();
+            if let Some(piece) = self.tcp.receive(deadline.left())? {
+                self.inbox.push(piece);
+                self.heard = Arrival::now();
+            }
+            is_late = deadline.left().is_zero();
         }
     }
 

@@ -131,7 +131,8 @@ impl<'a> Session<'a> {
                 }
                 None => self.send_upcoming()?,
             };
-            if !sent {
+            let is_asked = self.streaming || self.next > 0 || self.now > 0;
+            if !sent || !is_asked && self.stage.is_over() {
                 break;
             }
         }

@@ -139,6 +139,7 @@ impl Connection {
     fn next_frame(&mut self, subjects: &[String], timeout: Duration) -> Result<Option<MocapFrame>, MocapError> {
         let deadline = Deadline::after(timeout);
         let address = self.tcp.address().to_owned();
+        let mut is_late = false;
         let mut frame: Option<(i64, Vec<MocapBody>)> = self.ahead.take().map(|(stamp, body)| (stamp, vec![body]));
         loop {
             let offset = self.buffer.offset();
@@ -147,9 +148,11 @@ impl Connection {
                 if let Some((stamp_ns, bodies)) = frame {
                     return Ok(Some(self.frame(stamp_ns, bodies)));
                 }
-                if !self.fill(deadline)? {
+                // Messages without a pose must not keep us here for ever.
+                if is_late || !self.fill(deadline)? {
                     return Ok(None);
                 }
+                is_late = deadline.left().is_zero();
                 continue;
             };
             let Some(body) = self.body(&message, subjects).map_err(wrong)? else { continue };
