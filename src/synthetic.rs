@@ -1,13 +1,17 @@
 //! A log of the synthetic world: what a recording of it would hold.
 
-use fixtures::{LabelImage, World};
+use fixtures::{Intrinsics, LabelImage, RenderedFrame, World, WorldConfig};
 use recorder::picture::encode_rgb8;
 use recorder::{LayerSpec, LogOptions, Mask, RgbdLog, RgbdSpec, WriteError};
 use schemas::calibration::{CameraModel, Distortion};
 use schemas::msg::{Category, SCORE_UNKNOWN, Segment, format};
 use schemas::{Stamp, topics};
+use slam::{DepthImage, FrameInput, PanopticMask, Sensor, Setup};
+use slam_math::FrameId;
+use slam_vision::{Camera, gray_from_rgb};
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Writes the whole sequence: colour as PNG, depth, labels as a network would give them, ground truth from the motion
 /// capture system, whose clock and hand-eye transform are known here. `edit` may change a frame before it is written;
@@ -123,4 +127,35 @@ fn mask(labels: &LabelImage, width: u32) -> Mask {
     let segments = segments.collect();
     let class = labels.ids.iter().map(|id| categories.get(id).copied().unwrap_or(0)).collect();
     Mask { class, instance: labels.ids.clone(), segments }
+}
+
+/// Ten seconds of the demo's room and cast at 320 x 240, as the slam takes them.
+///
+/// # Errors
+/// Never for this world; a message of the renderer if it refuses.
+pub fn small_sequence() -> anyhow::Result<(Vec<FrameInput>, Setup)> {
+    let camera = Intrinsics { width: 320, height: 240, fx_px: 262.5, fy_px: 262.5, cx_px: 159.5, cy_px: 119.5 };
+    let world = WorldConfig { camera, texels_per_metre: 160.0, frame_count: 300, ..fixtures::scenario::demo() };
+    let world = World::new(&world)?;
+    let (width, height) = (camera.width as usize, camera.height as usize);
+    let input = |index| {
+        let RenderedFrame { stamp_ns, rgb, depth_units, panoptic, .. } = world.frame(index);
+        let metres_per_unit = 1.0 / f64::from(world.config().depth_units_per_metre);
+        let segments = panoptic.segments.iter();
+        let segments = segments.map(|s| slam::Segment { id: s.id, category: s.category_id, score: 1.0 }).collect();
+        Ok(FrameInput {
+            id: FrameId(index),
+            stamp: slam_math::Stamp(stamp_ns),
+            gray: gray_from_rgb(&rgb, width, height)?,
+            right: None,
+            depth: Some(Arc::new(DepthImage { width, height, units: depth_units, metres_per_unit })),
+            panoptic: Some(Arc::new(PanopticMask { width, height, ids: panoptic.ids, segments })),
+        })
+    };
+    let categories = fixtures::categories().iter();
+    let categories = categories.map(|c| slam::Category { id: c.id, name: c.name.into(), is_thing: c.is_thing });
+    let Intrinsics { width, height, fx_px: fx, fy_px: fy, cx_px: cx, cy_px: cy } = camera;
+    let camera = Camera { fx, fy, cx, cy, width, height, distortion: slam_vision::Distortion::None };
+    let setup = Setup { camera, sensor: Sensor::Rgbd, categories: categories.collect() };
+    Ok(((0..world.len()).map(input).collect::<anyhow::Result<_>>()?, setup))
 }

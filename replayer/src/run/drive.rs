@@ -5,15 +5,15 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use slam::report::{Event, TrackingState};
-use slam::{FrameReport, FrontEnd, Slam, TrajectoryPose};
-use slam_math::{FrameId, MapId};
+use slam::{Config, FrameReport, FrontEnd, Setup, Slam, TrajectoryPose};
+use slam_math::{FrameId, MapId, Se3};
 use slam_vision::Workspace;
 
 use super::records::{FrameEntry, RunEnd, digest_of};
 use super::source::Source;
 use super::summary::{MapFrames, RunEvent, RunResult};
 use super::timing::{Clock, Timing};
-use super::workers::{FrameTask, Prepared, Unrest, with_workers};
+use super::workers::{Foreman, FrameTask, Prepared, Unrest, with_workers};
 use super::{Progress, RunError};
 use crate::eval::{StampedPose, Trajectory};
 use crate::log::RawFrame;
@@ -47,41 +47,73 @@ impl Outcome {
     }
 }
 
-/// Replays the source and shows each frame to `each`; `None` when that ended the replay early with `false`.
+/// Is shown each frame; `false` ends the replay.
+pub(super) type Each<'a> = &'a mut dyn FnMut(&Stepped<'_>) -> Result<bool, RunError>;
+
+/// Replays the source and shows each frame to `each`; `None` when that ended the replay early.
 pub(super) fn drive(
     source: &Source,
     threads: usize,
     unrest: Option<&Unrest>,
     progress: Progress<'_>,
-    each: &mut dyn FnMut(&Stepped<'_>) -> Result<bool, RunError>,
+    each: Each<'_>,
 ) -> Result<Option<Outcome>, RunError> {
-    let mut clock = Clock::start();
-    let mut slam = Slam::new(&source.config, &source.setup)?;
-    let front_end = slam.front_end().clone();
-    let mut tally = Tally::default();
-    source.notes.iter().for_each(|note| tally.event(None, note));
+    let mut drive = Drive::new(&source.config, &source.setup, source.range.len())?;
+    drive.slam_from_recorded = source.rig.slam_from_recorded;
+    source.notes.iter().for_each(|note| drive.tally.event(None, note));
+    let front_end = drive.slam.front_end().clone();
     let mut feed = source.timeline.stream(source.range.clone())?.map(|raw| {
         let (raw, front_end) = (raw?, &front_end);
         Ok(Box::new(move |workspace: &mut Workspace| prepare(source, front_end, raw, workspace)) as FrameTask<'_>)
     });
-    with_workers(threads, unrest, &mut feed, |foreman| {
+    with_workers(threads, unrest, &mut feed, |foreman| drive.run(threads, foreman, progress, each))
+}
+
+/// A slam on its way through a sequence.
+pub(super) struct Drive {
+    pub slam: Slam,
+    clock: Clock,
+    tally: Tally,
+    /// In the whole sequence.
+    frames: usize,
+    /// Trajectories are those of the camera as it records, whatever way the slam's pictures were turned.
+    pub slam_from_recorded: Se3,
+}
+
+impl Drive {
+    pub fn new(config: &Config, setup: &Setup, frames: usize) -> Result<Self, RunError> {
+        let clock = Clock::start();
+        let slam = Slam::new(config, setup)?;
+        let mut tally = Tally::default();
+        setup.sensor.name().clone_into(&mut tally.result.sensor);
+        Ok(Self { slam, clock, tally, frames, slam_from_recorded: Se3::identity() })
+    }
+
+    /// Takes all frames of the foreman.
+    pub fn run(
+        mut self,
+        threads: usize,
+        foreman: &mut Foreman<'_, '_>,
+        progress: Progress<'_>,
+        each: Each<'_>,
+    ) -> Result<Option<Outcome>, RunError> {
+        let Self { slam, clock, tally, frames, .. } = &mut self;
         while let Some(prepared) = foreman.next_frame()? {
             clock.frame(prepared.decode_time, prepared.features_time);
-            let (input, observation) = (&prepared.input, prepared.observation.clone());
-            let mut report = slam.step(input, observation, foreman, &mut clock)?;
+            let mut report = slam.step(&prepared.input, prepared.observation.clone(), foreman, clock)?;
             clock.frame_done();
             report.events.splice(0..0, prepared.events.iter().cloned());
             tally.frame(&report);
             let entry = FrameEntry::from(&report);
-            if !each(&Stepped { prepared: &prepared, report: &report, entry, slam: &slam })? {
+            if !each(&Stepped { prepared: &prepared, report: &report, entry, slam })? {
                 return Ok(None);
             }
-            progress(tally.result.frames, source.range.len());
+            progress(tally.result.frames, *frames);
         }
         slam.settle(foreman)?;
-        let timing = clock.finish(threads, &foreman.job_times);
-        Ok(Some(tally.finish(&slam, source, timing)))
-    })
+        let timing = self.clock.finish(threads, &foreman.job_times);
+        Ok(Some(self.tally.finish(&self.slam, &self.slam_from_recorded, timing)))
+    }
 }
 
 fn prepare(
@@ -132,16 +164,14 @@ impl Tally {
         report.events.iter().for_each(|event| self.event(Some(report.id.0), event));
     }
 
-    fn finish(self, slam: &Slam, source: &Source, timing: Timing) -> Outcome {
-        // Trajectories are those of the camera as it records, whatever way the slam's pictures were turned.
+    fn finish(self, slam: &Slam, slam_from_recorded: &Se3, timing: Timing) -> Outcome {
         let recorded = |pose: TrajectoryPose| TrajectoryPose {
-            world_from_camera: pose.world_from_camera * source.rig.slam_from_recorded,
+            world_from_camera: pose.world_from_camera * *slam_from_recorded,
             ..pose
         };
         let path = MainPath::of(slam.trajectory().map(recorded));
         let online = MainPath::of(self.online.iter().copied().map(recorded));
         let result = RunResult {
-            sensor: source.rig.sensor.name().to_owned(),
             tracked: self.online.len(),
             lost: self.lost.len(),
             lost_frames: ranges(&self.lost),
@@ -210,7 +240,7 @@ fn ranges(frames: &[FrameId]) -> Vec<Range<u32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use slam_math::{Se3, Stamp};
+    use slam_math::Stamp;
 
     #[test]
     fn only_the_largest_map_is_written() {

@@ -44,7 +44,7 @@ use std::path::Path;
 
 use slam::Config;
 
-pub use bench::{BenchReport, bench, trajectory};
+pub use bench::{BenchReport, Size, bench, bench_looped, trajectory};
 pub use diff::{DiffReport, Difference, diff};
 pub use error::RunError;
 pub use inspection::INSPECTION_RRD;
