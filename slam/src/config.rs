@@ -216,6 +216,8 @@ sections! {
         ba_keyframes: usize,
         /// Iterations of local BA.
         ba_iterations: usize,
+        /// Keyframes from one local BA to the next.
+        ba_every: u32,
         /// Evidence of being gone after which a point is removed, frames.
         max_doubts: u32,
     }
@@ -426,6 +428,7 @@ impl Config {
             ),
             ("stereo.slide_px", f64::from(self.stereo.slide_px), (1..=15).contains(&self.stereo.slide_px), "1 to 15"),
             ("monocular.sigma_px", self.monocular.sigma_px, self.monocular.sigma_px > 0.0, positive),
+            ("mapping.ba_every", f64::from(self.mapping.ba_every), self.mapping.ba_every > 0, "numbers from 1"),
             ("orb.levels", self.orb.levels as f64, (2..=16).contains(&self.orb.levels), "2 to 16"),
             (
                 "tracking.hamming_high",

@@ -92,7 +92,8 @@ impl Map {
             }),
             MapEdit::SetDoubts(id, doubts) => self.with_point(*id, |p| p.doubts = *doubts),
             MapEdit::Refresh(id, appearance) => self.with_point(*id, |p| {
-                (p.descriptor, p.normal, p.range_m) = (appearance.descriptor, appearance.normal, appearance.range_m);
+                (p.descriptor, p.described) = (appearance.descriptor, appearance.described);
+                (p.normal, p.range_m) = (appearance.normal, appearance.range_m);
             }),
             MapEdit::Connect(id) => self.connect(*id),
             MapEdit::CullPoint(id) => self.cull_point(*id),
@@ -139,6 +140,7 @@ impl Map {
             position: new.position,
             seen_in: Vec::new(),
             descriptor: keyframe.obs.descriptor[new.index as usize],
+            described: 0,
             normal: to_point / to_point.norm(),
             range_m: [0.0, f64::INFINITY],
             created_in: new.keyframe,

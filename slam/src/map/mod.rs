@@ -74,6 +74,26 @@ impl Map {
         self.points.iter().map(|(_, p)| p)
     }
 
+    /// Points that any of some keyframes observes, by id.
+    #[must_use]
+    pub fn points_seen_by(&self, keyframes: &[KeyFrameId]) -> Vec<MapPointId> {
+        // A bit a point: the lists of neighbours name mostly the same points, and to sort them all would cost more.
+        let mut seen = vec![0u64; self.points.next_index().div_ceil(64)];
+        for keyframe in keyframes.iter().filter_map(|id| self.keyframe(*id)) {
+            for point in keyframe.points.iter().flatten() {
+                seen[point.index() / 64] |= 1 << (point.index() % 64);
+            }
+        }
+        let mut points = Vec::new();
+        for (i, mut bits) in seen.into_iter().enumerate() {
+            while bits != 0 {
+                points.push(MapPointId::from(i * 64 + bits.trailing_zeros() as usize));
+                bits &= bits - 1;
+            }
+        }
+        points
+    }
+
     /// Number of live keyframes.
     #[must_use]
     pub fn keyframe_count(&self) -> usize {

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use slam_math::{FrameId, KeyFrameId, MapId, MapPointId};
-use slam_vision::{Descriptor, hamming};
+use slam_vision::{Descriptor, hamming_many};
 
 use super::Map;
 use crate::context::Context;
@@ -24,6 +24,8 @@ pub struct Sighting {
 pub struct Appearance {
     /// See [`MapPoint::descriptor`].
     pub descriptor: Descriptor,
+    /// See [`MapPoint::described`].
+    pub described: u64,
     /// See [`MapPoint::normal`].
     pub normal: Vector3<f64>,
     /// See [`MapPoint::range_m`].
@@ -43,6 +45,9 @@ pub struct MapPoint {
     pub seen_in: Vec<Sighting>,
     /// The descriptor nearest to all others of its observations.
     pub descriptor: Descriptor,
+    /// Digest of the observations that the descriptor was chosen from: while they stay the same, so does the choice,
+    /// which costs the square of their number.
+    pub described: u64,
     /// Mean direction from the cameras to the point, unit length.
     pub normal: Vector3<f64>,
     /// Nearest and farthest distance in metres at which it appears on some pyramid level.
@@ -90,27 +95,43 @@ impl Map {
         let keyframe = self.keyframe(sighting.keyframe)?;
         let distance = (point.position - keyframe.center()).norm();
         let range_m = ctx.range_of(distance, keyframe.obs.octave[sighting.index as usize]);
-        let (mut descriptors, mut normal) = (Vec::with_capacity(point.seen_in.len()), Vector3::zeros());
+        let mut normal = Vector3::zeros();
         for sighting in &point.seen_in {
-            let keyframe = self.keyframe(sighting.keyframe)?;
-            let to_point = point.position - keyframe.center();
+            let to_point = point.position - self.keyframe(sighting.keyframe)?.center();
             normal += to_point / to_point.norm();
-            descriptors.push(keyframe.obs.descriptor[sighting.index as usize]);
         }
         let length = normal.norm();
         let normal = if length > 0.0 { normal / length } else { point.normal };
-        Some(Appearance { descriptor: distinctive(&descriptors)?, normal, range_m })
+        let described = digest(&point.seen_in);
+        let descriptor = if described == point.described { point.descriptor } else { self.most_typical(point)? };
+        Some(Appearance { descriptor, described, normal, range_m })
     }
+
+    /// The descriptor nearest to all others of a point's observations.
+    fn most_typical(&self, point: &MapPoint) -> Option<Descriptor> {
+        let descriptor = |s: &Sighting| self.keyframe(s.keyframe).map(|k| k.obs.descriptor[s.index as usize]);
+        distinctive(&point.seen_in.iter().map(descriptor).collect::<Option<Vec<_>>>()?)
+    }
+}
+
+/// Digest of who sees a point with which keypoints.
+fn digest(sightings: &[Sighting]) -> u64 {
+    // Multiply and fold; the odd number is 2^64 over the golden ratio.
+    sightings.iter().fold(0, |digest, s| {
+        let mixed = (digest ^ (u64::from(s.keyframe.0) << 32 | u64::from(s.index))).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        mixed ^ mixed >> 29
+    })
 }
 
 /// The descriptor with the least median Hamming distance to the others; the first one wins ties.
 fn distinctive(descriptors: &[Descriptor]) -> Option<Descriptor> {
+    let mut distances = Vec::new();
     let median_of = |a: &Descriptor| {
-        let mut distances: Vec<u32> = descriptors.iter().map(|b| hamming(a, b)).collect();
+        hamming_many(a, descriptors, &mut distances);
         let middle = (distances.len() - 1) / 2;
         *distances.select_nth_unstable(middle).1
     };
-    descriptors.iter().min_by_key(|d| median_of(d)).copied()
+    descriptors.iter().copied().min_by_key(median_of)
 }
 
 #[cfg(test)]

@@ -66,8 +66,14 @@ fn is_redundant(ctx: &Context, editor: &Editor<'_>, id: KeyFrameId) -> bool {
     if keyframe.parent.is_none() {
         return false;
     }
+    let share = ctx.config.mapping.redundant_share;
+    let at_most = keyframe.points.iter().flatten().count();
     let (mut close, mut redundant) = (0, 0);
     for (i, point) in keyframe.points.iter().enumerate() {
+        // Most keyframes are soon seen to be needed: the rest of their points can not make up for these.
+        if ((at_most - (close - redundant)) as f64) <= share * at_most as f64 {
+            return false;
+        }
         let near = ctx.is_monocular() || keyframe.obs.depth(i).is_some_and(|z| z <= ctx.close_m);
         let Some(point) = point.filter(|_| near).and_then(|p| map.point(p)) else { continue };
         close += 1;
@@ -78,5 +84,5 @@ fn is_redundant(ctx: &Context, editor: &Editor<'_>, id: KeyFrameId) -> bool {
         });
         redundant += usize::from(others.take(ENOUGH_OBSERVERS).count() == ENOUGH_OBSERVERS);
     }
-    close > 0 && redundant as f64 > ctx.config.mapping.redundant_share * close as f64
+    close > 0 && redundant as f64 > share * close as f64
 }

@@ -13,13 +13,13 @@ use crate::tracking::appearance;
 pub(super) fn fuse_with_neighbours(ctx: &Context, editor: &mut Editor<'_>, id: KeyFrameId) -> u32 {
     let targets = neighbourhood(ctx, editor.map(), id);
     let mut changes = 0;
-    let own = points_of(editor.map(), &[id]);
+    let own = editor.map().points_seen_by(&[id]);
     for target in &targets {
         changes += fuse_into(ctx, editor, *target, &own);
     }
-    let theirs = points_of(editor.map(), &targets);
+    let theirs = editor.map().points_seen_by(&targets);
     changes += fuse_into(ctx, editor, id, &theirs);
-    for point in points_of(editor.map(), &[id]) {
+    for point in editor.map().points_seen_by(&[id]) {
         editor.refresh(ctx, point);
     }
     editor.apply(MapEdit::Connect(id));
@@ -37,14 +37,6 @@ fn neighbourhood(ctx: &Context, map: &Map, id: KeyFrameId) -> Vec<KeyFrameId> {
     targets.sort_unstable();
     targets.dedup();
     targets
-}
-
-fn points_of(map: &Map, keyframes: &[KeyFrameId]) -> Vec<MapPointId> {
-    let found = keyframes.iter().filter_map(|id| map.keyframe(*id));
-    let mut points: Vec<MapPointId> = found.flat_map(|k| k.points.iter().flatten().copied()).collect();
-    points.sort_unstable();
-    points.dedup();
-    points
 }
 
 fn fuse_into(ctx: &Context, editor: &mut Editor<'_>, target: KeyFrameId, points: &[MapPointId]) -> u32 {

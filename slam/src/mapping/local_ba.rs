@@ -14,10 +14,20 @@ struct Window {
     problem: BaProblem,
 }
 
+/// Whether a keyframe is one whose neighbourhood is adjusted: while the map fits into one window each, then every
+/// `mapping.ba_every`th, since windows overlap nearly wholly.
+pub(super) fn is_due(ctx: &Context, map: &Map, id: KeyFrameId) -> bool {
+    let m = &ctx.config.mapping;
+    let Some(keyframe) = map.keyframe(id) else { return false };
+    id.0.is_multiple_of(m.ba_every) || map.keyframe_count_of(keyframe.map) <= m.ba_keyframes
+}
+
 /// Adjusts the neighbourhood of a keyframe. Observations that do not fit are removed; returns how many.
 pub(super) fn local_bundle_adjustment(ctx: &Context, editor: &mut Editor<'_>, id: KeyFrameId) -> u32 {
     let Some(mut window) = collect(ctx, editor.map(), id) else { return 0 };
-    let options = BaOptions { iterations: ctx.config.mapping.ba_iterations as u32, ..BaOptions::default() };
+    // One round: what it shows to be an outlier leaves the map, and the next window starts from there.
+    let iterations = ctx.config.mapping.ba_iterations as u32;
+    let options = BaOptions { rounds: 1, iterations, ..BaOptions::default() };
     let observations = window.problem.observations.clone();
     let report = bundle_adjust(&mut window.problem, &options);
     for (id, pose) in window.keyframes.iter().zip(&window.problem.poses).filter(|(_, pose)| !pose.fixed) {
@@ -52,10 +62,7 @@ fn collect(ctx: &Context, map: &Map, id: KeyFrameId) -> Option<Window> {
     let mut moving: Vec<KeyFrameId> = keyframe.best_covisible(ctx.config.mapping.ba_keyframes - 1).collect();
     moving.push(id);
     moving.sort_unstable();
-    let seen = moving.iter().filter_map(|id| map.keyframe(*id)).flat_map(|k| k.points.iter().flatten().copied());
-    let mut points: Vec<MapPointId> = seen.collect();
-    points.sort_unstable();
-    points.dedup();
+    let points = map.points_seen_by(&moving);
     let observers = points.iter().filter_map(|id| map.point(*id)).flat_map(|p| p.seen_in.iter().map(|s| s.keyframe));
     let mut fixed: Vec<KeyFrameId> = observers.filter(|k| moving.binary_search(k).is_err()).collect();
     fixed.sort_unstable();

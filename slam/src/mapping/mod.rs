@@ -41,7 +41,8 @@ pub fn local_mapping(
     let culled = young.cull(ctx, editor, keyframe);
     let triangulated = triangulate::triangulate_with_neighbours(ctx, editor, young, keyframe);
     let fused = fuse::fuse_with_neighbours(ctx, editor, keyframe);
-    let ba_outliers = local_ba::local_bundle_adjustment(ctx, editor, keyframe);
+    let ba_due = local_ba::is_due(ctx, editor.map(), keyframe);
+    let ba_outliers = if ba_due { local_ba::local_bundle_adjustment(ctx, editor, keyframe) } else { 0 };
     let keyframes_culled = cull::cull_keyframes(ctx, editor, keyframe);
     MappingCounts { triangulated, fused, culled, ba_outliers, keyframes_culled }
 }

@@ -54,13 +54,7 @@ impl LocalMap {
                 }
             }
         }
-        let mut points: Vec<MapPointId> = keyframes
-            .iter()
-            .filter_map(|id| map.keyframe(*id))
-            .flat_map(|k| k.points.iter().flatten().copied())
-            .collect();
-        points.sort_unstable();
-        points.dedup();
+        let points = map.points_seen_by(&keyframes);
         Self { reference: order.first().map(|(id, _)| *id), points, in_view: Vec::new() }
     }
 

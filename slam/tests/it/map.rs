@@ -52,7 +52,12 @@ pub fn new_point(keyframe: KeyFrameId, index: u32) -> MapEdit {
 }
 
 pub fn appearance(seed: u32) -> Appearance {
-    Appearance { descriptor: descriptor(seed, 0), normal: position(seed).normalize(), range_m: [0.5, 4.0] }
+    Appearance {
+        descriptor: descriptor(seed, 0),
+        described: 1,
+        normal: position(seed).normalize(),
+        range_m: [0.5, 4.0],
+    }
 }
 
 type Row = (
