@@ -2,9 +2,10 @@
 
 use fixtures::{Intrinsics, LabelImage, RenderedFrame, World, WorldConfig};
 use recorder::picture::encode_rgb8;
-use recorder::{LayerSpec, LogOptions, Mask, RgbdLog, RgbdSpec, WriteError};
+use recorder::{Beside, LayerSpec, LogOptions, Mask, RgbdLog, RgbdSpec, WriteError};
 use schemas::calibration::{CameraModel, Distortion};
 use schemas::msg::{Category, SCORE_UNKNOWN, Segment, format};
+use schemas::stereo::StereoModel;
 use schemas::{Stamp, topics};
 use slam::{DepthImage, FrameInput, PanopticMask, Sensor, Setup};
 use slam_math::FrameId;
@@ -13,8 +14,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Writes the whole sequence: colour as PNG, depth, labels as a network would give them, ground truth from the motion
-/// capture system, whose clock and hand-eye transform are known here. `edit` may change a frame before it is written;
+/// Writes the whole sequence: colour as PNG, depth (the right picture instead where the world has a second camera), labels
+/// as a network would give them, ground truth from the motion capture system, whose clock and hand-eye transform are known here. `edit` may change a frame before it is written;
 /// `progress` hears (frames done, frames in all).
 ///
 /// # Errors
@@ -28,7 +29,7 @@ pub fn write_log(
     progress: &mut dyn FnMut(usize, usize),
 ) -> Result<u64, WriteError> {
     let options = LogOptions { force, ..LogOptions::default() };
-    let mut log = RgbdLog::create(path, &options, &spec(world, name))?;
+    let mut log = RgbdLog::create(path, &options, &spec(world, name)?)?;
     match write_frames(&mut log, world, edit, progress) {
         Ok(()) => log.finish(),
         Err(error) => {
@@ -38,7 +39,7 @@ pub fn write_log(
     }
 }
 
-fn spec(world: &World, name: &str) -> RgbdSpec {
+fn spec(world: &World, name: &str) -> Result<RgbdSpec, WriteError> {
     let c = world.camera();
     let camera = CameraModel {
         width: c.width,
@@ -51,7 +52,11 @@ fn spec(world: &World, name: &str) -> RgbdSpec {
     };
     let categories = fixtures::categories().iter();
     let categories = categories.map(|c| Category { id: c.id, name: c.name.to_owned(), is_thing: c.is_thing });
-    RgbdSpec {
+    let right_m = world.config().right_camera_m;
+    let stereo = (right_m > 0.0).then(|| StereoModel::of_rectified(camera, right_m * c.fx_px)).transpose();
+    let stereo = stereo.map_err(|error| WriteError::Invalid(error.to_string()))?;
+    Ok(RgbdSpec {
+        beside: stereo.map_or(Beside::Depth, Beside::Right),
         depth_units_per_metre: world.config().depth_units_per_metre.to_string(),
         layers: vec![LayerSpec {
             name: topics::DEFAULT_LAYER.to_owned(),
@@ -59,7 +64,7 @@ fn spec(world: &World, name: &str) -> RgbdSpec {
             categories: categories.collect(),
         }],
         ..RgbdSpec::new("synthetic", name, camera)
-    }
+    })
 }
 
 fn write_frames(
@@ -89,9 +94,12 @@ fn write_frames(
         edit(&mut frame);
         let stamp = Stamp(frame.stamp_ns);
         log.log().flush_if_due(stamp)?;
-        let png = encode_rgb8(width, height, &frame.rgb).map_err(|error| WriteError::Invalid(error.to_string()))?;
-        log.color(stamp, format::PNG, &png)?;
-        log.depth(stamp, &frame.depth_units)?;
+        let png = |rgb: &[u8]| encode_rgb8(width, height, rgb).map_err(|error| WriteError::Invalid(error.to_string()));
+        log.color(stamp, format::PNG, &png(&frame.rgb)?)?;
+        match &frame.right_rgb {
+            Some(rgb) => log.right(stamp, format::PNG, &png(rgb)?)?,
+            None => log.depth(stamp, &frame.depth_units)?,
+        }
         log.mask(0, stamp, &mask(&frame.panoptic, width))?;
         progress(index as usize + 1, world.len() as usize);
     }

@@ -3,7 +3,7 @@
 use crate::progress::{self, Progress};
 use crate::{Outcome, Usage, stdout, synthetic};
 use anyhow::Context as _;
-use replayer::eval::{Comparison, Coverage, EvalOptions, Evaluation, Trajectory, evaluate};
+use replayer::eval::{Alignment, Comparison, Coverage, EvalOptions, Evaluation, Trajectory, evaluate};
 use replayer::log::Log;
 use replayer::plot::{PlotEstimate, trajectories_svg};
 use replayer::run::{INSPECTION_RRD, ReplayOptions, RunSummary, TRAJECTORY_TXT, replay};
@@ -26,6 +26,9 @@ pub struct Demo {
     /// Folder to write; one that an earlier demo wrote is written again.
     #[arg(short, long, default_value = "out/demo")]
     out: PathBuf,
+    /// What the camera is: colour with depth, two colour cameras, or one alone.
+    #[arg(long, value_name = "KIND", default_value = "rgbd")]
+    sensor: Seen,
     /// Threads; the result does not depend on them.
     #[arg(long, value_name = "N", default_value = "2", value_parser = clap::value_parser!(u16).range(1..=256))]
     threads: u16,
@@ -33,6 +36,20 @@ pub struct Demo {
     #[arg(long)]
     json: bool,
 }
+
+/// Kinds of cameras.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Seen {
+    /// Colour with a depth image.
+    Rgbd,
+    /// Two colour cameras, 11 cm apart.
+    Stereo,
+    /// One colour camera.
+    Mono,
+}
+
+/// Distance of the stereo demo's cameras: that of the EuRoC sensor, metres.
+const STEREO_BASELINE_M: f64 = 0.11;
 
 /// What the demo found.
 #[derive(Debug, Serialize)]
@@ -57,7 +74,9 @@ impl Demo {
     pub(super) fn run(self, progress: Progress) -> anyhow::Result<Outcome> {
         prepare(&self.out)?;
         let log = self.out.join(LOG);
-        let world = fixtures::World::new(&fixtures::scenario::demo()).context("the demo's world")?;
+        let right_camera_m = if self.sensor == Seen::Stereo { STEREO_BASELINE_M } else { 0.0 };
+        let scenario = fixtures::WorldConfig { right_camera_m, ..fixtures::scenario::demo() };
+        let world = fixtures::World::new(&scenario).context("the demo's world")?;
         let bar = progress.bar("rendering");
         synthetic::write_log(&world, "demo", &log, true, &mut |_| {}, &mut |done, all| {
             progress::update(&bar, done, all);
@@ -83,8 +102,13 @@ impl Demo {
         truth: &Trajectory,
         progress: Progress,
     ) -> anyhow::Result<Judged> {
+        let mut config = slam::Config::preset(preset)?;
+        if self.sensor == Seen::Mono {
+            // The log has depth as well; it is not looked at.
+            config.sensor.kind = slam::config::SensorChoice::Monocular;
+        }
         let options = ReplayOptions {
-            config: slam::Config::preset(preset)?,
+            config,
             config_name: preset.to_owned(),
             threads: usize::from(self.threads),
             force: true,
@@ -98,7 +122,8 @@ impl Demo {
         let RunSummary { fingerprint, result, .. } = summary;
         let coverage = Coverage { tracked: result.in_trajectory, frames: result.frames };
         let trajectory = Trajectory::read_tum(&folder.join(TRAJECTORY_TXT))?;
-        let evaluation = evaluate(truth, &trajectory, Some(coverage), &EvalOptions::default())?;
+        let options = EvalOptions { alignment: Alignment::for_sensor(&result.sensor), ..EvalOptions::default() };
+        let evaluation = evaluate(truth, &trajectory, Some(coverage), &options)?;
         Ok(Judged { preset, folder, fingerprint, evaluation })
     }
 }

@@ -16,9 +16,12 @@ pub struct Eval {
     /// Judge the poses as they were known at each frame instead of the final ones.
     #[arg(long)]
     online: bool,
-    /// Align with scale too.
-    #[arg(long, conflicts_with = "no_align")]
+    /// Align with scale too; the default for monocular runs.
+    #[arg(long, conflicts_with_all = ["no_align", "se3"])]
     sim3: bool,
+    /// Align without scale; the default for all other runs and for text files.
+    #[arg(long, conflicts_with = "no_align")]
+    se3: bool,
     /// Do not align: both trajectories stand in the same frame already.
     #[arg(long)]
     no_align: bool,
@@ -43,11 +46,12 @@ pub struct Eval {
 }
 
 impl Eval {
-    fn options(&self) -> anyhow::Result<EvalOptions> {
-        let alignment = match (self.sim3, self.no_align) {
-            (true, _) => Alignment::Sim3,
-            (_, true) => Alignment::None,
-            _ => Alignment::Se3,
+    fn options(&self, sensor: Option<&str>) -> anyhow::Result<EvalOptions> {
+        let alignment = match (self.sim3, self.no_align, self.se3) {
+            (true, ..) => Alignment::Sim3,
+            (_, true, _) => Alignment::None,
+            (_, _, true) => Alignment::Se3,
+            _ => Alignment::for_sensor(sensor.unwrap_or_default()),
         };
         if !(0.0..=1e6).contains(&self.max_difference_ms) {
             return Err(
@@ -63,8 +67,8 @@ impl Eval {
     }
 
     pub(super) fn run(self) -> anyhow::Result<Outcome> {
-        let options = self.options()?;
         let estimate = super::run_folder::Estimate::read(&self.run, self.online)?;
+        let options = self.options(estimate.sensor.as_deref())?;
         let truth = self.log.clone().or(estimate.log);
         let truth = truth.ok_or_else(|| Usage("give the ground truth: a log or a text file".to_owned()))?;
         let truth = read_truth(&truth)?;

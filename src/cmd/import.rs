@@ -2,7 +2,9 @@
 
 use crate::progress::{self, Progress};
 use crate::{Outcome, Usage, stdout};
-use recorder::import::{CameraSource, PanopticSource, TumOptions, tum};
+use recorder::import::{
+    CameraSource, EurocOptions, KittiOptions, PanopticSource, TruthOf, TumOptions, euroc, kitti, tum,
+};
 use schemas::calibration::{CameraModel, Distortion, Preset};
 use std::path::PathBuf;
 
@@ -11,13 +13,109 @@ use std::path::PathBuf;
 pub enum Source {
     /// TUM RGB-D, Bonn RGB-D Dynamic, OpenLORIS: rgb.txt, depth.txt, groundtruth.txt.
     Tum(Box<Tum>),
+    /// EuRoC MAV (ASL format): mav0/cam0, cam1, imu0 and ground truth.
+    Euroc(Euroc),
+    /// KITTI odometry: calib.txt, times.txt, image_0, image_1 and poses.
+    Kitti(Kitti),
 }
 
 impl Source {
     pub(super) fn run(self, progress: Progress) -> anyhow::Result<Outcome> {
         match self {
             Self::Tum(command) => command.run(progress),
+            Self::Euroc(command) => command.run(progress),
+            Self::Kitti(command) => command.run(progress),
         }
+    }
+}
+
+/// What importers of one or two cameras share.
+#[derive(Debug, clap::Args)]
+struct Sequence {
+    /// The folder.
+    dir: PathBuf,
+    /// The log to write.
+    #[arg(short, long)]
+    out: PathBuf,
+    /// Leave the right camera out.
+    #[arg(long)]
+    mono: bool,
+    /// Folder of COCO panoptic PNG files of the left pictures; its JSON is DIR.json, DIR/panoptic.json or
+    /// DIR/../panoptic.json.
+    #[arg(long, value_name = "DIR")]
+    panoptic: Option<PathBuf>,
+    /// The JSON file of --panoptic, if it stands elsewhere.
+    #[arg(long, value_name = "FILE", requires = "panoptic")]
+    panoptic_json: Option<PathBuf>,
+    /// Overwrite an existing log.
+    #[arg(long)]
+    force: bool,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Sequence {
+    fn panoptic(&self) -> Vec<PanopticSource> {
+        panoptic(self.panoptic.as_ref(), self.panoptic_json.as_ref())
+    }
+}
+
+fn panoptic(dir: Option<&PathBuf>, json: Option<&PathBuf>) -> Vec<PanopticSource> {
+    dir.map(|dir| PanopticSource { json: json.cloned(), ..PanopticSource::new(dir) }).into_iter().collect()
+}
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+pub struct Euroc {
+    #[command(flatten)]
+    sequence: Sequence,
+    /// Ground truth of the body as data.csv; default: mav0/state_groundtruth_estimate0/data.csv.
+    #[arg(long, value_name = "FILE", conflicts_with = "camera_truth")]
+    body_truth: Option<PathBuf>,
+    /// Ground truth of the left camera in the same layout; default, without one of the body: groundtruth_leftcam.csv.
+    #[arg(long, value_name = "FILE")]
+    camera_truth: Option<PathBuf>,
+}
+
+impl Euroc {
+    fn run(self, progress: Progress) -> anyhow::Result<Outcome> {
+        let of_body = self.body_truth.map(|path| (path, TruthOf::Body));
+        let of_camera = self.camera_truth.map(|path| (path, TruthOf::LeftCamera));
+        let Sequence { dir, out, mono, force, json, .. } = &self.sequence;
+        let panoptic = self.sequence.panoptic();
+        let options = EurocOptions { stereo: !mono, truth: of_body.or(of_camera), panoptic, force: *force };
+        let bar = progress.bar("importing");
+        let report = euroc(dir, out, &options, &mut |done, all| progress::update(&bar, done, all))?;
+        bar.finish_and_clear();
+        stdout::either(*json, &report)?;
+        Ok(Outcome::Good)
+    }
+}
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+pub struct Kitti {
+    #[command(flatten)]
+    sequence: Sequence,
+    /// Take the colour cameras, image_2 and image_3.
+    #[arg(long)]
+    color: bool,
+    /// Ground truth; default: poses.txt in the folder, else ../../poses/NAME.txt.
+    #[arg(long, value_name = "FILE")]
+    poses: Option<PathBuf>,
+}
+
+impl Kitti {
+    fn run(self, progress: Progress) -> anyhow::Result<Outcome> {
+        let Sequence { dir, out, mono, force, json, .. } = &self.sequence;
+        let panoptic = self.sequence.panoptic();
+        let options = KittiOptions { stereo: !mono, color: self.color, poses: self.poses, panoptic, force: *force };
+        let bar = progress.bar("importing");
+        let report = kitti(dir, out, &options, &mut |done, all| progress::update(&bar, done, all))?;
+        bar.finish_and_clear();
+        stdout::either(*json, &report)?;
+        Ok(Outcome::Good)
     }
 }
 
@@ -114,15 +212,11 @@ impl Tum {
                 Usage(format!("--max-difference-ms {} is not between 0 and 1e6", self.max_difference_ms)).into()
             );
         }
-        let panoptic = self.panoptic.iter().map(|dir| {
-            let json = self.panoptic_json.clone();
-            PanopticSource { json, ..PanopticSource::new(dir) }
-        });
         Ok(TumOptions {
             camera: self.camera.source()?,
             depth_units_per_metre: self.depth_scale.clone(),
             tolerance_ns: tolerance_ns.round() as u64,
-            panoptic: panoptic.collect(),
+            panoptic: panoptic(self.panoptic.as_ref(), self.panoptic_json.as_ref()),
             force: self.force,
         })
     }

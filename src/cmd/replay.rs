@@ -4,6 +4,7 @@ use super::config::Choice;
 use crate::progress::{self, Progress};
 use crate::{Outcome, stdout};
 use replayer::run::{ReplayOptions, replay};
+use slam::config::SensorChoice;
 use std::ops::Range;
 use std::path::PathBuf;
 
@@ -39,6 +40,10 @@ pub struct How {
     /// Segmentation layer to use; default: the log's.
     #[arg(long, value_name = "NAME")]
     layer: Option<String>,
+    /// What to use of the log, whatever the configuration says: rgbd, stereo or monocular; default: depth images if
+    /// there are any, else right pictures if there are any, else one picture at a time.
+    #[arg(long, value_name = "KIND", value_parser = sensor)]
+    sensor: Option<SensorChoice>,
     /// Threads; the result does not depend on them.
     #[arg(long, value_name = "N", default_value = "2", value_parser = clap::value_parser!(u16).range(1..=256))]
     threads: u16,
@@ -46,14 +51,25 @@ pub struct How {
 
 impl How {
     pub(super) fn options(self) -> anyhow::Result<ReplayOptions> {
+        let mut config = self.choice.read()?;
+        config.sensor.kind = self.sensor.unwrap_or(config.sensor.kind);
         Ok(ReplayOptions {
-            config: self.choice.read()?,
+            config,
             config_name: self.choice.name(),
             frames: self.frames,
             threads: usize::from(self.threads),
             layer: self.layer,
             ..ReplayOptions::default()
         })
+    }
+}
+
+fn sensor(text: &str) -> Result<SensorChoice, String> {
+    match text {
+        "rgbd" => Ok(SensorChoice::Rgbd),
+        "stereo" => Ok(SensorChoice::Stereo),
+        "monocular" | "mono" => Ok(SensorChoice::Monocular),
+        _ => Err(format!("`{text}` is not rgbd, stereo or monocular")),
     }
 }
 

@@ -13,19 +13,21 @@ pub struct Estimate {
     pub coverage: Option<Coverage>,
     /// The log that was replayed.
     pub log: Option<PathBuf>,
+    /// What the run saw with.
+    pub sensor: Option<String>,
 }
 
 impl Estimate {
     /// Reads a run's folder, or a trajectory as TUM text.
     pub fn read(run: &Path, online: bool) -> anyhow::Result<Self> {
         if !run.is_dir() {
-            return Ok(Self { trajectory: Trajectory::read_tum(run)?, coverage: None, log: None });
+            return Ok(Self { trajectory: Trajectory::read_tum(run)?, coverage: None, log: None, sensor: None });
         }
         let summary = RunSummary::read(run).context("not the folder of a finished run")?;
         let name = if online { TRAJECTORY_ONLINE_TXT } else { TRAJECTORY_TXT };
         let trajectory = Trajectory::read_tum(&run.join(name))?;
         // Frames of other maps than the written one do not count: they are not judged.
         let coverage = Coverage { tracked: trajectory.poses.len(), frames: summary.result.frames };
-        Ok(Self { trajectory, coverage: Some(coverage), log: Some(summary.log) })
+        Ok(Self { trajectory, coverage: Some(coverage), log: Some(summary.log), sensor: Some(summary.result.sensor) })
     }
 }

@@ -20,6 +20,15 @@ pub enum Alignment {
     None,
 }
 
+impl Alignment {
+    /// The usual choice for what a run saw with, as its summary names it: scale is free where only pictures of one camera
+    /// were used.
+    #[must_use]
+    pub fn for_sensor(sensor: &str) -> Self {
+        if sensor == slam::Sensor::Monocular.name() { Self::Sim3 } else { Self::Se3 }
+    }
+}
+
 /// How to compare.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EvalOptions {

@@ -6,10 +6,10 @@ use slam_math::{FrameId, Se3, float};
 use slam_vision::nearest_two;
 
 use super::association::Vote;
-use super::{FrameFilter, NO_REGION, Remembered};
+use super::{FrameFilter, NO_REGION, Remembered, rays};
 use crate::config::MotionConfig;
 use crate::context::Context;
-use crate::input::DepthImage;
+use crate::input::{DepthImage, Sensor};
 use crate::matching::project;
 use crate::observation::{Observation, round_to_pixel};
 use crate::report::{KeypointClass, Verdict};
@@ -19,7 +19,7 @@ const SAMPLE_STRIDE: usize = 2;
 /// Half side of the window in which an older depth is looked up, pixels: covers the error of pose and borders.
 const WINDOW: i64 = 2;
 /// Localisation noise of a keypoint at level 0, pixels (0.3-1 px by slam-anatomy, section 12.2).
-const KEYPOINT_SIGMA_PX: f64 = 0.7;
+pub(super) const KEYPOINT_SIGMA_PX: f64 = 0.7;
 /// Samples that must agree with an older frame for a static vote, as a share of those tested.
 const CONSISTENT_SHARE: f64 = 0.5;
 
@@ -29,6 +29,8 @@ pub(super) struct Now<'a> {
     pub depth: Option<&'a DepthImage>,
     pub obs: &'a Observation,
     pub camera_from_world: &'a Se3,
+    /// Median depth of the map points in sight, if any are.
+    pub scene_depth: Option<f64>,
 }
 
 /// What was counted about one region against one older frame.
@@ -74,8 +76,9 @@ impl Evidence {
             .fold(0.0, |largest, (part, whole)| float::max(largest, f64::from(part) / f64::from(whole)))
     }
 
-    /// What these counts say.
-    pub(super) fn vote(&self, config: &MotionConfig) -> Vote {
+    /// What these counts say. With depth images the oldest frame must agree, since slow motion shows there first; few
+    /// keypoints are found again after so long, so without them it is the oldest frame with enough of those.
+    pub(super) fn vote(&self, config: &MotionConfig, by_keypoints: bool) -> Vote {
         let in_free_space = |c: &Count| {
             c.free >= config.min_samples && f64::from(c.free) >= config.free_space_share * f64::from(c.samples)
         };
@@ -85,9 +88,10 @@ impl Evidence {
         let same = |c: &Count| {
             c.samples >= config.min_samples && f64::from(c.consistent) >= CONSISTENT_SHARE * f64::from(c.samples)
         };
+        let enough = |c: &&Count| !by_keypoints || c.samples >= config.min_samples;
         if self.counts.iter().any(|c| in_free_space(c) || moved(c)) {
             Vote::Dynamic
-        } else if self.counts.last().is_some_and(same) {
+        } else if self.counts.iter().rev().find(enough).is_some_and(same) {
             Vote::Static
         } else {
             Vote::Silent
@@ -104,19 +108,30 @@ pub(super) fn gather(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame:
         count_samples(ctx, now, depth, older, frame);
     }
     let world_from_camera = now.camera_from_world.inverse();
+    let by_depth = ctx.sensor == Sensor::Rgbd;
     let mut nearby = Vec::new();
     for i in 0..now.obs.len() {
-        let (Some(region), Some(z)) = (frame.region[i], now.obs.depth(i)) else { continue };
-        if frame.class[i] == KeypointClass::Person {
-            continue;
-        }
-        let in_world = world_from_camera.transform(&ctx.camera.unproject(now.obs.pixel[i], z));
+        let Some(region) = frame.region[i].filter(|_| frame.class[i] != KeypointClass::Person) else { continue };
+        // Depth of a stereo camera is good where it is close.
+        let depth = now.obs.depth(i).filter(|z| by_depth || *z < ctx.close_m);
+        let in_world = depth.map(|z| world_from_camera.transform(&ctx.camera.unproject(now.obs.pixel[i], z)));
         for (age, then) in older.iter().enumerate() {
-            let Some(sigmas) = keypoint_residual(ctx, now.obs, i, &in_world, then, &mut nearby) else { continue };
+            let sigmas = match (in_world, now.scene_depth) {
+                (Some(in_world), _) => keypoint_residual(ctx, now.obs, i, &in_world, then, &mut nearby),
+                (None, Some(scene)) if !by_depth => {
+                    rays::residual(ctx, now.obs, i, now.camera_from_world, scene, then, &mut nearby)
+                }
+                _ => None,
+            };
+            let Some(sigmas) = sigmas else { continue };
             frame.motion_sigmas[i] = sigmas;
             let count = &mut frame.evidence[region].counts[age];
-            count.keypoints += 1;
-            count.moved += u32::from(sigmas > ctx.config.panoptic.motion.moved_sigmas);
+            let moved = u32::from(sigmas > ctx.config.panoptic.motion.moved_sigmas);
+            (count.keypoints, count.moved) = (count.keypoints + 1, count.moved + moved);
+            if !by_depth {
+                // Keypoints are all there is: they stand for the samples of a depth image.
+                (count.samples, count.consistent) = (count.samples + 1, count.consistent + 1 - moved);
+            }
         }
     }
 }
@@ -190,6 +205,27 @@ fn keypoint_residual(
     nearby: &mut Vec<u32>,
 ) -> Option<f64> {
     let (pixel, expected) = project(&ctx.camera, &then.camera_from_world, in_world)?;
+    let j = find_again(ctx, obs, i, pixel, then, nearby)?;
+    let sigma_px = KEYPOINT_SIGMA_PX * ctx.scales[usize::from(obs.octave[i])];
+    let (dx, dy) = (then.obs.pixel[j][0] - pixel[0], then.obs.pixel[j][1] - pixel[1]);
+    let mut chi2 = (dx * dx + dy * dy) / (2.0 * sigma_px * sigma_px);
+    if let Some(z) = then.obs.depth(j) {
+        let sigma = ctx.depth_sigma(z);
+        chi2 += (z - expected) * (z - expected) / (2.0 * sigma * sigma);
+    }
+    Some(chi2.sqrt())
+}
+
+/// The keypoint of an older frame near a pixel that surely looks like keypoint `i`, wherever the geometry wants it.
+/// `nearby` is scratch.
+pub(super) fn find_again(
+    ctx: &Context,
+    obs: &Observation,
+    i: usize,
+    pixel: [f64; 2],
+    then: &Remembered,
+    nearby: &mut Vec<u32>,
+) -> Option<usize> {
     let octave = obs.octave[i];
     let radius = ctx.config.panoptic.motion.search_px;
     then.obs.grid.query(pixel, radius, octave.saturating_sub(1), octave + 1, &then.obs.octave, nearby);
@@ -199,15 +235,7 @@ fn keypoint_residual(
     if first.distance > t.hamming_low || f64::from(first.distance) > t.ratio * f64::from(second.distance) {
         return None;
     }
-    let j = first.index as usize;
-    let sigma_px = KEYPOINT_SIGMA_PX * ctx.scales[usize::from(octave)];
-    let (dx, dy) = (then.obs.pixel[j][0] - pixel[0], then.obs.pixel[j][1] - pixel[1]);
-    let mut chi2 = (dx * dx + dy * dy) / (2.0 * sigma_px * sigma_px);
-    if let Some(z) = then.obs.depth(j) {
-        let sigma = ctx.depth_sigma(z);
-        chi2 += (z - expected) * (z - expected) / (2.0 * sigma * sigma);
-    }
-    Some(chi2.sqrt())
+    Some(first.index as usize)
 }
 
 /// Takes out single keypoints that stand in formerly free space although their label says background or a region that

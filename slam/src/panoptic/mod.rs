@@ -11,6 +11,7 @@
 mod association;
 mod epipolar;
 mod evidence;
+mod rays;
 mod regions;
 mod verdict;
 
@@ -26,7 +27,7 @@ pub use regions::{CELL_PX, NO_REGION, Region, RegionKind, Regions};
 
 use crate::config::Rule;
 use crate::context::Context;
-use crate::input::{DepthImage, FrameInput};
+use crate::input::{DepthImage, FrameInput, Sensor};
 use crate::observation::Observation;
 use crate::report::{KeypointClass, RegionState, Selection, Verdict};
 
@@ -152,19 +153,30 @@ impl PanopticFilter {
         frame
     }
 
-    /// Step 3: evidence under the camera pose, region states, final verdicts.
-    pub fn judge(&self, ctx: &Context, input: &FrameInput, obs: &Observation, pose: &Se3, frame: &mut FrameFilter) {
+    /// Step 3: evidence under the camera pose, region states, final verdicts. `scene_depth` is the median depth of the map
+    /// points in sight; without depth images motion is judged by it.
+    pub fn judge(
+        &self,
+        ctx: &Context,
+        input: &FrameInput,
+        obs: &Observation,
+        pose: &Se3,
+        scene_depth: Option<f64>,
+        frame: &mut FrameFilter,
+    ) {
         if ctx.config.panoptic.rule == Rule::Paper {
             return;
         }
-        let now = evidence::Now { id: input.id, depth: input.depth.as_deref(), obs, camera_from_world: pose };
+        let now =
+            evidence::Now { id: input.id, depth: input.depth.as_deref(), obs, camera_from_world: pose, scene_depth };
         if let Some(last) = self.history.back() {
             epipolar::from_motion(ctx, pose, last, obs, frame);
         }
         let older = self.compared_with(ctx, input.id);
         evidence::gather(ctx, &now, &older, frame);
+        let by_keypoints = ctx.sensor != Sensor::Rgbd;
         for (track, evidence) in frame.tracks.iter_mut().zip(&frame.evidence) {
-            track.update(&ctx.config.panoptic.motion, evidence.vote(&ctx.config.panoptic.motion));
+            track.update(&ctx.config.panoptic.motion, evidence.vote(&ctx.config.panoptic.motion, by_keypoints));
         }
         frame.memory = self.remembered(ctx, &frame.regions, &frame.tracks);
         verdict::decide(ctx, obs, frame);

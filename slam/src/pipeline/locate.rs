@@ -39,7 +39,8 @@ impl Step<'_> {
     /// Final verdicts under the predicted pose; matches of keypoints that turned out to move are dropped.
     fn judge(&mut self, filter: &mut FrameFilter) {
         let (pose, obs) = (self.frame.camera_from_world, self.frame.obs.clone());
-        self.slam.filter.judge(&self.ctx, self.input, &obs, &pose, filter);
+        let scene_depth = self.frame.median_depth(&self.slam.map);
+        self.slam.filter.judge(&self.ctx, self.input, &obs, &pose, scene_depth, filter);
         self.select(filter);
         for (point, usable) in self.frame.points.iter_mut().zip(&self.frame.usable) {
             if !usable {

@@ -89,7 +89,7 @@ impl Film {
         let obs = Arc::new(Observation::new(self.keypoints(boards), &input, &camera(), &self.ctx.config.sensor));
         let pose = self.pose();
         let mut filter = self.filter.label(&self.ctx, &input, &obs);
-        self.filter.judge(&self.ctx, &input, &obs, &pose, &mut filter);
+        self.filter.judge(&self.ctx, &input, &obs, &pose, Some(WALL_M), &mut filter);
         self.filter.remember(&self.ctx, &input, &obs, Some(&pose), &filter);
         self.next += 1;
         Shown { obs, filter }
