@@ -3,7 +3,8 @@
 
 mod realsense_support;
 
-use realsense_support::{assert_same, collect, ending, library, record, samples, spec};
+use realsense_support::{assert_same, collect, ending, library, record, samples, samples_of_log, spec};
+use recorder::import::realsense;
 use recorder::realsense::*;
 use schemas::alignment::{Intrinsics, LensModel};
 use std::sync::Arc;
@@ -77,6 +78,39 @@ fn a_recording_is_a_camera() {
     assert_same(&fed, &collect(&camera, &profiles, || {}));
     // And once more from the beginning.
     assert_same(&fed, &collect(&camera, &profiles, || {}));
+}
+
+#[test]
+fn an_imported_recording_is_what_was_fed() {
+    let Some((library, _one)) = library() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join(format!("camera.{}", ending(&library)));
+    let (mut fed, spec) = (samples(MODE, 40), spec(MODE));
+    // Depth frames 11 and 12 never came.
+    fed.retain(
+        |sample| !matches!(sample, Sample::Frame(f) if f.format == Format::Z16 && (11..=12).contains(&f.header.number)),
+    );
+    record(&library, &spec, &fed, &file);
+    let log = folder.path().join("log.mcap");
+    let report = realsense(&library, &file, &log, false, "test").unwrap();
+    let counts: Vec<(&str, u64, u64)> =
+        report.streams.iter().map(|s| (s.stream.name(), s.counts.written, s.counts.dropped_device)).collect();
+    assert_eq!(counts, [("color", 40, 0), ("depth", 38, 2), ("gyro", 240, 0), ("accel", 240, 0)]);
+    let kept = samples_of_log(&log);
+    assert_same(&fed, &kept);
+    for sample in &kept {
+        let (Sample::Frame(Frame { header, .. }) | Sample::Motion(Motion { header, .. })) = sample else { panic!() };
+        let behind_ns = header.arrival.realtime_ns - (header.timestamp_ms * 1e3) as i64 * 1000;
+        assert!(behind_ns.abs() <= 1000, "arrivals are the recording's: {header:?}");
+    }
+    // It does not overwrite, and leaves nothing behind when it fails.
+    let again = realsense(&library, &file, &log, false, "test").unwrap_err().to_string();
+    assert!(again.contains("exists already"), "{again}");
+    std::fs::write(&file, b"not a recording").unwrap();
+    let other = folder.path().join("other.mcap");
+    assert!(realsense(&library, &file, &other, false, "test").is_err());
+    assert!(realsense(&library, &folder.path().join("none.bag"), &other, false, "test").is_err());
+    assert!(!other.exists());
 }
 
 #[test]

@@ -3,8 +3,9 @@
 use crate::progress::{self, Progress};
 use crate::{Outcome, Usage, stdout};
 use recorder::import::{
-    CameraSource, EurocOptions, KittiOptions, PanopticSource, TruthOf, TumOptions, euroc, kitti, tum,
+    CameraSource, EurocOptions, KittiOptions, PanopticSource, TruthOf, TumOptions, euroc, kitti, realsense, tum,
 };
+use recorder::realsense::Library;
 use schemas::calibration::{CameraModel, Distortion, Preset};
 use std::path::PathBuf;
 
@@ -17,6 +18,8 @@ pub enum Source {
     Euroc(Euroc),
     /// KITTI odometry: calib.txt, times.txt, image_0, image_1 and poses.
     Kitti(Kitti),
+    /// A recording of librealsense: .bag, or .db3 with librealsense 2.58 and newer.
+    Realsense(Realsense),
 }
 
 impl Source {
@@ -25,6 +28,7 @@ impl Source {
             Self::Tum(command) => command.run(progress),
             Self::Euroc(command) => command.run(progress),
             Self::Kitti(command) => command.run(progress),
+            Self::Realsense(command) => command.run(),
         }
     }
 }
@@ -226,6 +230,35 @@ impl Tum {
         let bar = progress.bar("importing");
         let report = tum(&self.dir, &self.out, &options, &mut |done, all| progress::update(&bar, done, all))?;
         bar.finish_and_clear();
+        stdout::either(self.json, &report)?;
+        Ok(Outcome::Good)
+    }
+}
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+pub struct Realsense {
+    /// The recording.
+    file: PathBuf,
+    /// The log to write.
+    #[arg(short, long)]
+    out: PathBuf,
+    /// librealsense2.so, or the library in the Python wheel pyrealsense2.
+    #[arg(long, value_name = "PATH")]
+    librealsense: Option<PathBuf>,
+    /// Overwrite an existing log.
+    #[arg(long)]
+    force: bool,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Realsense {
+    fn run(self) -> anyhow::Result<Outcome> {
+        let library = Library::load(self.librealsense.as_deref())?;
+        let program = concat!("pslam ", env!("CARGO_PKG_VERSION"));
+        let report = realsense(&library, &self.file, &self.out, self.force, program)?;
         stdout::either(self.json, &report)?;
         Ok(Outcome::Good)
     }

@@ -25,7 +25,7 @@ use crate::progress::Progress;
 pub enum Command {
     /// Show what could be recorded.
     Devices(devices::Devices),
-    /// Turn a data set folder into a log.
+    /// Turn a data set folder or a vendor's recording into a log.
     #[command(subcommand)]
     Import(import::Source),
     /// Show what is in a log.

@@ -1,20 +1,23 @@
-//! Data set folders to logs. Nothing is lost: every picture, every ground-truth row, stamps to the nanosecond; what had
-//! to be repaired or left out is counted in the report and in the log.
+//! Data set folders and vendors' recordings to logs. Nothing is lost: every picture, every ground-truth row, stamps to the
+//! nanosecond; what had to be repaired or left out is counted in the report and in the log.
 
 mod camera_file;
 mod coco;
 mod euroc;
 mod kitti;
 mod lists;
+mod realsense;
 mod sequence;
 mod tum;
 
 pub use euroc::{EurocOptions, TruthOf, euroc};
 pub use kitti::{KittiOptions, kitti};
+pub use realsense::{RealsenseReport, realsense};
 pub use tum::tum;
 
 use crate::log_writer::WriteError;
 use crate::picture::PictureError;
+use crate::realsense::CameraError;
 use schemas::calibration::{CalibrationError, CameraModel, Preset};
 use schemas::{Stamp, pairing, topics};
 use serde::Serialize;
@@ -275,6 +278,14 @@ pub enum ImportError {
         path: PathBuf,
         /// What is wrong.
         source: CalibrationError,
+    },
+    /// librealsense cannot read it.
+    #[error("{}: {source}", path.display())]
+    Camera {
+        /// The file.
+        path: PathBuf,
+        /// The library's answer.
+        source: CameraError,
     },
     /// The log cannot be written.
     #[error("{0}")]

@@ -7,8 +7,9 @@ use super::types::{
     Calibration, DeviceDescription, OptionValue, Sample, StreamCalibration, StreamExtrinsics, StreamProfile,
 };
 use super::{EXTENSION_PLAYBACK, OPTION_DEPTH_UNITS, PLAYBACK_STOPPED, frame, info};
+use crate::Arrival;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 
 /// An open camera.
 #[derive(Debug)]
@@ -184,6 +185,7 @@ impl Camera {
             playback: self.playback,
             serial: self.serial.clone(),
             seen_changes: AtomicU64::new(self.context.as_ref().map_or(0, |context| context.changes())),
+            traffic: Arc::default(),
             sensors: Vec::new(),
         };
         for (sensor, profiles) in self.sensors.iter().zip(by_sensor).filter(|(_, profiles)| !profiles.is_empty()) {
@@ -191,13 +193,19 @@ impl Camera {
             streaming.sensors.push((Arc::clone(sensor), None));
         }
         let metadata_count = named(|number| api.frame_metadata_to_string(number)).count() as u32;
+        streaming.traffic.last_ns.store(Arrival::now().monotonic_ns, Ordering::SeqCst);
         if self.playback {
             // Else what the file has for the second sensor runs past before it is started.
             api.playback_device_pause(&self.device)?;
         }
         for (sensor, flow) in &mut streaming.sensors {
-            let sink = Arc::clone(sink);
-            let copy: FrameSink = Arc::new(move |raw, arrival| sink(frame::sample(raw, metadata_count, arrival)));
+            let (sink, traffic) = (Arc::clone(sink), Arc::clone(&streaming.traffic));
+            let copy: FrameSink = Arc::new(move |raw, arrival| {
+                traffic.inside.fetch_add(1, Ordering::SeqCst);
+                sink(frame::sample(raw, metadata_count, arrival));
+                traffic.last_ns.store(Arrival::now().monotonic_ns, Ordering::SeqCst);
+                traffic.inside.fetch_sub(1, Ordering::SeqCst);
+            });
             *flow = Some(api.start_flow(sensor, copy)?);
         }
         if self.playback {
@@ -213,6 +221,25 @@ fn is_same_name(one: &str, other: &str) -> bool {
     plain(one) == plain(other)
 }
 
+/// What passes through the sink.
+#[derive(Debug, Default)]
+struct Traffic {
+    /// Samples in the sink now.
+    inside: AtomicU64,
+    /// When the last one was done, `CLOCK_MONOTONIC`.
+    last_ns: AtomicI64,
+}
+
+/// A recording says that it has ended when the last frame is read from the file, which is before it is handed over.
+const QUIET_NS: i64 = 200_000_000;
+
+impl Traffic {
+    fn is_quiet(&self) -> bool {
+        let since = Arrival::now().monotonic_ns - self.last_ns.load(Ordering::SeqCst);
+        self.inside.load(Ordering::SeqCst) == 0 && since > QUIET_NS
+    }
+}
+
 /// Running streams. Dropping it stops them: no sample comes afterwards.
 pub struct Streaming {
     context: Option<Arc<Context>>,
@@ -220,6 +247,7 @@ pub struct Streaming {
     playback: bool,
     serial: String,
     seen_changes: AtomicU64,
+    traffic: Arc<Traffic>,
     sensors: Vec<(Arc<Handle<raw::Sensor>>, Option<Flow>)>,
 }
 
@@ -231,7 +259,8 @@ impl Streaming {
     pub fn state(&self) -> Result<State, CameraError> {
         if self.playback {
             let status = self.device.api.playback_device_get_current_status(&self.device)?;
-            return Ok(if status == PLAYBACK_STOPPED { State::Ended } else { State::Running });
+            let ended = status == PLAYBACK_STOPPED && self.traffic.is_quiet();
+            return Ok(if ended { State::Ended } else { State::Running });
         }
         let Some(context) = &self.context else { return Ok(State::Running) };
         let changes = context.changes();

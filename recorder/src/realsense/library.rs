@@ -1,5 +1,6 @@
 //! Finding librealsense, and trusting it.
 
+use super::context::named;
 use super::raw::{Api, CallError, open_shared_object};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -145,6 +146,13 @@ impl Library {
     #[must_use]
     pub fn metadata_name(&self, number: u32) -> String {
         self.api.frame_metadata_to_string(i32::try_from(number).unwrap_or(-1))
+    }
+
+    /// All metadata values that it knows, by their numbers.
+    #[must_use]
+    pub fn metadata_names(&self) -> Vec<(u32, String)> {
+        let names = named(|number| self.api.frame_metadata_to_string(number));
+        names.map(|(number, name)| (number as u32, name)).collect()
     }
 
     /// Compares the numbers that the recorder uses with the library's names for them.

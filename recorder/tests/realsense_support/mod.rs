@@ -1,5 +1,9 @@
 //! A synthetic D435i's samples, and taking samples from a camera.
 
+mod log;
+
+pub use log::samples_of_log;
+
 use recorder::Arrival;
 use recorder::realsense::*;
 use schemas::alignment::{Aligner, Intrinsics, LensModel, Rounding};
@@ -60,7 +64,8 @@ pub fn samples(mode: VideoMode, frames: u32) -> Vec<Sample> {
             samples.push(Sample::Frame(Frame { header: header(kind, i + 1, at_ms), width, height, format, bytes }));
         }
         for j in 0..6 {
-            let (number, at_ms) = (6 * i + j, at_ms + 5.0 * f64::from(j));
+            let number = 6 * i + j;
+            let at_ms = f64::from(number) * 1000.0 / f64::from(6 * mode.rate_hz);
             for kind in [StreamKind::Gyro, StreamKind::Accel] {
                 let xyz = [f32::from(random()) / 64.0, -1.5, number as f32];
                 samples.push(Sample::Motion(Motion { header: header(kind, number, at_ms), xyz }));

@@ -1,17 +1,28 @@
 //! `pslam devices`: what could be recorded.
 
+mod cameras;
+
 use crate::{Outcome, Usage, stdout};
+use cameras::Cameras;
 use recorder::mocap::udp::{UdpOptions, UdpSource};
 use recorder::mocap::vicon::{ViconOptions, ViconSource};
 use recorder::mocap::vrpn::{VrpnOptions, VrpnSource};
 use recorder::mocap::{MocapSource, Survey, survey};
+use recorder::realsense::Library;
 use serde::Serialize;
 use std::fmt;
+use std::path::PathBuf;
 use std::time::Duration;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
 pub struct Devices {
+    /// librealsense2.so, or the library in the Python wheel pyrealsense2.
+    #[arg(long, value_name = "PATH")]
+    librealsense: Option<PathBuf>,
+    /// Show this recording of librealsense (.bag, .db3) as a camera.
+    #[arg(long, value_name = "FILE")]
+    play: Option<PathBuf>,
     /// A Vicon DataStream server whose subjects are to be listed.
     #[arg(long, value_name = "HOST[:PORT]")]
     vicon: Vec<String>,
@@ -32,21 +43,25 @@ pub struct Devices {
 /// What was found.
 #[derive(Debug, Serialize)]
 struct Found {
+    /// Absent without librealsense.
+    realsense: Option<Cameras>,
     mocap: Vec<Survey>,
 }
 
 impl Devices {
     pub(super) fn run(self) -> anyhow::Result<Outcome> {
         let sources = self.sources();
-        if sources.is_empty() {
-            return Err(Usage("nowhere to look: give --vicon, --vrpn or --udp".to_owned()).into());
+        let cameras = Cameras::look(self.librealsense.as_deref(), self.play.as_deref())?;
+        if sources.is_empty() && cameras.is_none() {
+            // Nothing else to look at: the library's absence is the answer.
+            Library::load(self.librealsense.as_deref())?;
         }
         if !(0.05..=600.0).contains(&self.wait) {
             return Err(Usage(format!("--wait {} is not between 0.05 and 600", self.wait)).into());
         }
         let moment = Duration::from_secs_f64(self.wait);
         let surveys = sources.into_iter().map(|mut source| survey(source.as_mut(), moment));
-        let found = Found { mocap: surveys.collect::<Result<_, _>>()? };
+        let found = Found { realsense: cameras, mocap: surveys.collect::<Result<_, _>>()? };
         stdout::either(self.json, &found)?;
         Ok(Outcome::Good)
     }
@@ -63,6 +78,10 @@ impl Devices {
 
 impl fmt::Display for Found {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.realsense {
+            Some(cameras) => write!(f, "{cameras}")?,
+            None => writeln!(f, "no cameras: librealsense is not installed")?,
+        }
         for system in &self.mocap {
             let told = |number: Option<f64>, unit: &str| number.map_or("?".to_owned(), |n| format!("{n:.1} {unit}"));
             let rate = told(system.rate_hz, "Hz");
