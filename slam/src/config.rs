@@ -70,6 +70,8 @@ sections! {
         jobs: JobsConfig,
         /// After the track is lost.
         relocalization: RelocalizationConfig,
+        /// Loops and the joining of maps.
+        looping: LoopingConfig,
         /// The panoptic filter.
         panoptic: PanopticConfig,
     }
@@ -226,6 +228,10 @@ sections! {
     JobsConfig {
         /// Local mapping.
         mapping_lag_frames: u32,
+        /// Search for loops, and their correction.
+        loop_lag_frames: u32,
+        /// Adjustment of a whole map after a correction.
+        global_lag_frames: u32,
     }
 
     /// After the track is lost.
@@ -242,6 +248,56 @@ sections! {
         min_inliers: u32,
         /// Frames lost with a usable picture before a new map is started.
         frames_before_new_map: u32,
+    }
+
+    /// Loops and the joining of maps.
+    LoopingConfig {
+        /// Close loops within a map. Maps are joined in any case.
+        enabled: bool,
+        /// Keyframes that a map needs before it is searched for loops.
+        min_keyframes: usize,
+        /// Places verified per keyframe, of the own map and of others each.
+        candidates: usize,
+        /// Votes below this share of the best place's are no candidate.
+        min_vote_share: f64,
+        /// The same after adding the votes of a place's neighbours.
+        min_accumulated_share: f64,
+        /// Covisible keyframes that make up a place.
+        place_keyframes: usize,
+        /// Descriptor matches to try a candidate.
+        min_matches: usize,
+        /// RANSAC draws at most.
+        iterations: u32,
+        /// Inliers of RANSAC to go on.
+        min_inliers: usize,
+        /// Search radius of the first guided search at level 0, pixels.
+        radius_px: f64,
+        /// Search radius of the second one, pixels.
+        radius_refined_px: f64,
+        /// Hamming distance in the guided searches.
+        hamming: u32,
+        /// Matches of the first guided search to go on.
+        min_projected: usize,
+        /// Inliers of the refined pose to go on.
+        min_refined: usize,
+        /// Matches of the second guided search to accept a place.
+        min_final: usize,
+        /// Share of the place's points that should be visible and must be found.
+        min_found_share: f64,
+        /// Matches for another keyframe to agree with a place.
+        min_agreeing: usize,
+        /// Keyframes that must agree with a place.
+        coincidences: u32,
+        /// Keyframes in a row that may disagree before a place is given up.
+        max_misses: u32,
+        /// Shared points from which an edge belongs to the essential graph.
+        essential_weight: u32,
+        /// Iterations on the essential graph.
+        graph_iterations: u32,
+        /// Keyframes on each side of the seam that are adjusted when maps are joined.
+        weld_keyframes: usize,
+        /// Iterations of global bundle adjustment; 0 leaves it out.
+        global_iterations: u32,
     }
 
     /// The panoptic filter.

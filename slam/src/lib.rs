@@ -14,11 +14,12 @@
 //! ```
 //!
 //! Rooms, lower ones first: `slam-math`, `slam-vision` and `slam-optimize` (crates of their own, so the compiler keeps
-//! the order), [`map`], then [`panoptic`], [`tracking`], [`mapping`], then [`pipeline`].
+//! the order), [`map`], then [`panoptic`], [`tracking`], [`mapping`], [`looping`], then [`pipeline`].
 
 pub mod config;
 pub mod context;
 pub mod input;
+pub mod looping;
 pub mod map;
 pub mod mapping;
 pub mod matching;

@@ -20,12 +20,13 @@ const CRATES: [(&str, &str, &[&str]); 9] = [
 
 /// Rooms inside `slam`, lower ones first. Rooms of one row do not know each other, but for the first row, which is the
 /// vocabulary of all.
-const ROOMS: [&[&str]; 6] = [
+const ROOMS: [&[&str]; 7] = [
     &["config", "input", "observation", "report"],
     &["context", "matching"],
     &["map"],
     &["panoptic", "tracking"],
     &["mapping"],
+    &["looping"],
     &["pipeline"],
 ];
 

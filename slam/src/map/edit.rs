@@ -1,9 +1,9 @@
 //! The only way to change a [`Map`].
 
 use nalgebra::Vector3;
-use slam_math::{DigestWriter, FrameId, KeyFrameId, MapId, MapPointId, Se3};
+use slam_math::{DigestWriter, FrameId, KeyFrameId, MapPointId, Se3};
 
-use super::{Appearance, KeyFrame, Map, MapPoint, Sighting};
+use super::{Appearance, Correction, KeyFrame, Map, MapPoint, Sighting};
 use crate::report::KeypointClass;
 
 /// A point to be added, with the observation that made it.
@@ -55,15 +55,10 @@ pub enum MapEdit {
     CullPoint(MapPointId),
     /// Removes a keyframe.
     CullKeyFrame(KeyFrameId),
-    /// Moves a whole part of the atlas into the frame of another part and joins them.
-    Join {
-        /// The part that moves.
-        map: MapId,
-        /// The part it joins.
-        into: MapId,
-        /// `into_from_map`.
-        into_from_map: Se3,
-    },
+    /// Two keyframes see the same place after a loop.
+    LinkLoop(KeyFrameId, KeyFrameId),
+    /// Moves the map, or a part of it, as a whole.
+    Correct(Box<Correction>),
 }
 
 /// How many edits were applied and how many did nothing.
@@ -98,7 +93,8 @@ impl Map {
             MapEdit::Connect(id) => self.connect(*id),
             MapEdit::CullPoint(id) => self.cull_point(*id),
             MapEdit::CullKeyFrame(id) => self.remove_keyframe(*id),
-            MapEdit::Join { map, into, into_from_map } => self.join(*map, *into, into_from_map),
+            MapEdit::LinkLoop(a, b) => self.link_loop(*a, *b),
+            MapEdit::Correct(correction) => self.correct(correction),
         }
     }
 
@@ -106,11 +102,11 @@ impl Map {
         self.keyframes.get_mut(id.index()).expect("graph edges and sightings name live keyframes")
     }
 
-    fn with_keyframe(&mut self, id: KeyFrameId, f: impl FnOnce(&mut KeyFrame)) -> bool {
+    pub(super) fn with_keyframe(&mut self, id: KeyFrameId, f: impl FnOnce(&mut KeyFrame)) -> bool {
         self.keyframes.get_mut(id.index()).map(f).is_some()
     }
 
-    fn with_point(&mut self, id: MapPointId, f: impl FnOnce(&mut MapPoint)) -> bool {
+    pub(super) fn with_point(&mut self, id: MapPointId, f: impl FnOnce(&mut MapPoint)) -> bool {
         self.points.get_mut(id.index()).map(f).is_some()
     }
 
@@ -204,26 +200,6 @@ impl Map {
         self.merged.insert(drop, keep);
         true
     }
-
-    fn join(&mut self, map: MapId, into: MapId, into_from_map: &Se3) -> bool {
-        let map_from_into = into_from_map.inverse();
-        let keyframes: Vec<_> = self.keyframes().filter(|k| k.map == map).map(|k| k.id).collect();
-        let points: Vec<_> = self.points().filter(|p| p.map == map).map(|p| p.id).collect();
-        for id in &keyframes {
-            self.with_keyframe(*id, |k| {
-                k.map = into;
-                k.camera_from_world = (k.camera_from_world * map_from_into).normalized();
-            });
-        }
-        for id in points {
-            self.with_point(id, |p| {
-                p.map = into;
-                p.position = into_from_map.transform(&p.position);
-                p.normal = into_from_map.rotation * p.normal;
-            });
-        }
-        !keyframes.is_empty()
-    }
 }
 
 impl MapEdit {
@@ -244,7 +220,8 @@ impl MapEdit {
             Self::Connect(_) => "connect",
             Self::CullPoint(_) => "cull point",
             Self::CullKeyFrame(_) => "cull keyframe",
-            Self::Join { .. } => "join maps",
+            Self::LinkLoop(..) => "link loop",
+            Self::Correct(_) => "correct",
         }
     }
 
@@ -264,9 +241,13 @@ impl MapEdit {
             Self::SetDoubts(id, doubts) => Self::SetDoubts(now(id)?, doubts),
             Self::Refresh(id, appearance) => Self::Refresh(now(id)?, appearance),
             Self::CullPoint(id) => Self::CullPoint(now(id)?),
-            Self::AddPoint(_) | Self::SetPose(..) | Self::Connect(_) | Self::CullKeyFrame(_) | Self::Join { .. } => {
-                self
-            }
+            // A correction makes no points and speaks of none that a job has made.
+            Self::AddPoint(_)
+            | Self::SetPose(..)
+            | Self::Connect(_)
+            | Self::CullKeyFrame(_)
+            | Self::LinkLoop(..)
+            | Self::Correct(_) => self,
         })
     }
 
@@ -307,10 +288,8 @@ impl MapEdit {
             }
             Self::Connect(id) | Self::CullKeyFrame(id) => w.u32(id.0),
             Self::CullPoint(id) => w.u32(id.0),
-            Self::Join { map, into, into_from_map } => {
-                [map.0, into.0].iter().for_each(|v| w.u32(*v));
-                w.f64s(&into_from_map.rows());
-            }
+            Self::LinkLoop(a, b) => [a.0, b.0].iter().for_each(|v| w.u32(*v)),
+            Self::Correct(correction) => correction.digest(w),
         }
     }
 }

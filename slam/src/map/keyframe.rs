@@ -31,6 +31,8 @@ pub struct KeyFrame {
     pub parent: Option<KeyFrameId>,
     /// Children in the spanning tree, sorted.
     pub children: Vec<KeyFrameId>,
+    /// Keyframes of the same place that a loop tied this one to, sorted.
+    pub loops: Vec<KeyFrameId>,
 }
 
 impl KeyFrame {

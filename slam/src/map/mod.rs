@@ -1,5 +1,6 @@
 //! The map: keyframes and map points, changed only through [`MapEdit`]s.
 
+mod correction;
 mod covisibility;
 mod edit;
 mod editor;
@@ -10,13 +11,14 @@ use std::collections::BTreeMap;
 
 use slam_math::{IdVec, KeyFrameId, MapId, MapPointId, Se3};
 
+pub use correction::{Correction, Join, moved_pose};
 pub use edit::{EditCounts, MapEdit, NewPoint};
 pub use editor::{Editor, Journal, Renaming};
 pub use keyframe::KeyFrame;
 pub use point::{Appearance, MapPoint, Sighting};
 
 /// All maps of a run. Keyframes and points carry the [`MapId`] of the part they belong to; parts have no common frame
-/// until they are joined by [`MapEdit::Join`].
+/// until they are joined by a [`Correction`].
 #[derive(Debug, Clone, Default)]
 pub struct Map {
     keyframes: IdVec<KeyFrame>,
@@ -26,6 +28,8 @@ pub struct Map {
     removed: BTreeMap<KeyFrameId, (KeyFrameId, Se3)>,
     /// Point that a merged point became, since [`Map::forget_merges`].
     merged: BTreeMap<MapPointId, MapPointId>,
+    /// Corrections so far.
+    corrections: u32,
 }
 
 impl Map {
@@ -46,7 +50,8 @@ impl Map {
     #[must_use]
     pub fn snapshot(&self) -> Self {
         let (keyframes, points) = (self.keyframes.clone(), self.points.clone());
-        Self { keyframes, points, removed: BTreeMap::new(), merged: BTreeMap::new() }
+        let corrections = self.corrections;
+        Self { keyframes, points, removed: BTreeMap::new(), merged: BTreeMap::new(), corrections }
     }
 
     /// Forgets what merged points became. For when nobody holds ids from before the merges any more.
@@ -110,6 +115,13 @@ impl Map {
     #[must_use]
     pub fn point_count(&self) -> usize {
         self.points.len()
+    }
+
+    /// How many corrections the map has seen: what was computed on a snapshot with another number speaks of a world that
+    /// has moved since.
+    #[must_use]
+    pub fn corrections(&self) -> u32 {
+        self.corrections
     }
 
     /// The id that the next keyframe gets.

@@ -25,6 +25,7 @@ pub fn insert_keyframe(editor: &mut Editor<'_>, frame: &TrackedFrame, map: MapId
         covisible: Vec::new(),
         parent: None,
         children: Vec::new(),
+        loops: Vec::new(),
     };
     editor.apply(MapEdit::AddKeyFrame(Box::new(keyframe)));
     id

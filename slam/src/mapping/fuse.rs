@@ -39,7 +39,9 @@ fn neighbourhood(ctx: &Context, map: &Map, id: KeyFrameId) -> Vec<KeyFrameId> {
     targets
 }
 
-fn fuse_into(ctx: &Context, editor: &mut Editor<'_>, target: KeyFrameId, points: &[MapPointId]) -> u32 {
+/// Projects points into a keyframe: agreeing ones are merged with what it sees there, or observed. Returns the number of
+/// changes.
+pub fn fuse_into(ctx: &Context, editor: &mut Editor<'_>, target: KeyFrameId, points: &[MapPointId]) -> u32 {
     let Some(keyframe) = editor.map().keyframe(target).cloned() else { return 0 };
     let center = keyframe.center();
     let candidates = points.iter().filter_map(|id| editor.map().point(*id));

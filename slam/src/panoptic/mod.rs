@@ -18,7 +18,7 @@ mod verdict;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use slam_math::{FrameId, Se3};
+use slam_math::{FrameId, Se3, Sim3};
 
 pub use association::CellMemory;
 pub use epipolar::Epipolar;
@@ -28,6 +28,7 @@ pub use regions::{CELL_PX, NO_REGION, Region, RegionKind, Regions};
 use crate::config::Rule;
 use crate::context::Context;
 use crate::input::{DepthImage, FrameInput, Sensor};
+use crate::map::moved_pose;
 use crate::observation::Observation;
 use crate::report::{KeypointClass, RegionState, Selection, Verdict};
 
@@ -217,10 +218,9 @@ impl PanopticFilter {
     }
 
     /// The world has got a new frame: moves the remembered poses into it.
-    pub fn move_world(&mut self, new_from_old: &Se3) {
-        let old_from_new = new_from_old.inverse();
+    pub fn move_world(&mut self, new_from_old: &Sim3) {
         for remembered in &mut self.history {
-            remembered.camera_from_world = (remembered.camera_from_world * old_from_new).normalized();
+            remembered.camera_from_world = moved_pose(&remembered.camera_from_world, new_from_old);
         }
     }
 

@@ -6,10 +6,11 @@
 
 use std::sync::Arc;
 
-use slam_math::KeyFrameId;
+use slam_math::{KeyFrameId, MapId};
 
 use crate::config::Config;
 use crate::context::Context;
+use crate::looping::{Candidates, LoopFound, LoopState, correct, detect, global_adjustment};
 use crate::map::{Editor, Journal, Map};
 use crate::mapping::{MappingCounts, YoungPoints, local_mapping};
 
@@ -18,17 +19,23 @@ use crate::mapping::{MappingCounts, YoungPoints, local_mapping};
 pub enum JobKind {
     /// Local mapping after a keyframe.
     Mapping,
+    /// Search for the place of a keyframe among those seen before, and the correction when it is found.
+    Loop,
+    /// Bundle adjustment of a whole part of the atlas after a correction.
+    Global,
 }
 
 impl JobKind {
     /// All kinds.
-    pub const ALL: [Self; 1] = [Self::Mapping];
+    pub const ALL: [Self; 3] = [Self::Mapping, Self::Loop, Self::Global];
 
     /// Name for tables.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Mapping => "local mapping",
+            Self::Loop => "loop search",
+            Self::Global => "global adjustment",
         }
     }
 
@@ -36,6 +43,8 @@ impl JobKind {
     pub(super) fn lag(self, config: &Config) -> u32 {
         match self {
             Self::Mapping => config.jobs.mapping_lag_frames,
+            Self::Loop => config.jobs.loop_lag_frames,
+            Self::Global => config.jobs.global_lag_frames,
         }
     }
 }
@@ -51,6 +60,10 @@ pub struct Job {
 pub(super) enum Task {
     /// Local mapping around a keyframe.
     Mapping { keyframe: KeyFrameId, young: YoungPoints },
+    /// Verification of the candidates for a keyframe.
+    Loop { keyframe: KeyFrameId, candidates: Candidates, state: LoopState },
+    /// Adjustment of a part of the atlas.
+    Global { part: MapId },
 }
 
 /// What a job came to.
@@ -62,7 +75,11 @@ pub struct JobResult {
 /// What a job came to besides edits of the map.
 pub(super) enum Outcome {
     /// Of local mapping: the points that are still on probation, and counts.
-    Mapping { young: YoungPoints, counts: MappingCounts },
+    Mapping { keyframe: KeyFrameId, young: YoungPoints, counts: MappingCounts },
+    /// Of a loop search: what detection remembers, and the place that the correction is about.
+    Loop { state: LoopState, found: Option<LoopFound> },
+    /// Of a global adjustment: nothing.
+    Global,
 }
 
 impl Job {
@@ -75,6 +92,8 @@ impl Job {
     pub fn kind(&self) -> JobKind {
         match self.task {
             Task::Mapping { .. } => JobKind::Mapping,
+            Task::Loop { .. } => JobKind::Loop,
+            Task::Global { .. } => JobKind::Global,
         }
     }
 
@@ -85,7 +104,21 @@ impl Job {
         let outcome = match self.task {
             Task::Mapping { keyframe, mut young } => {
                 let counts = local_mapping(&self.ctx, &mut editor, &mut young, keyframe);
-                Outcome::Mapping { young, counts }
+                Outcome::Mapping { keyframe, young, counts }
+            }
+            Task::Loop { keyframe, candidates, mut state } => {
+                let found = detect(&self.ctx, editor.map(), &candidates, keyframe, &mut state);
+                let correction = found.as_ref().and_then(|found| correct(&self.ctx, editor.map(), found));
+                if let Some(edit) = correction {
+                    editor.apply(edit);
+                }
+                Outcome::Loop { state, found }
+            }
+            Task::Global { part } => {
+                if let Some(edit) = global_adjustment(&self.ctx, editor.map(), part) {
+                    editor.apply(edit);
+                }
+                Outcome::Global
             }
         };
         let (journal, _) = editor.finish();

@@ -4,6 +4,7 @@ mod doubts;
 mod front_end;
 mod job;
 mod locate;
+mod loops;
 mod record;
 mod schedule;
 mod start;
@@ -24,6 +25,7 @@ pub use trajectory::TrajectoryPose;
 use crate::config::Config;
 use crate::context::Context;
 use crate::input::{FrameInput, Setup};
+use crate::looping::LoopState;
 use crate::map::Map;
 use crate::mapping::YoungPoints;
 use crate::observation::Observation;
@@ -157,6 +159,10 @@ pub struct Slam {
     front_end: FrontEnd,
     map: Map,
     places: PlaceIndex,
+    /// Not here while a loop search has it.
+    loops: LoopState,
+    /// What is to be searched for loops or adjusted as a whole as soon as the last such job is done.
+    waiting: loops::Waiting,
     filter: PanopticFilter,
     /// Not here while a mapping job has them.
     young: YoungPoints,
@@ -195,6 +201,8 @@ impl Slam {
             front_end: FrontEnd::new(config, setup)?,
             map: Map::default(),
             places: PlaceIndex::new(),
+            loops: LoopState::default(),
+            waiting: loops::Waiting::default(),
             filter: PanopticFilter::default(),
             young: YoungPoints::default(),
             schedule: schedule::Schedule::default(),

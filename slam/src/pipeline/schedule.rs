@@ -7,6 +7,7 @@ use super::job::{Executor, Job, JobKind, JobResult, Outcome, Task, Ticket};
 use super::{Slam, SlamError};
 use crate::map::{EditCounts, Editor, MapEdit};
 use crate::mapping::MappingCounts;
+use crate::report::Event;
 
 /// Jobs that were submitted and have not been applied, in the order of submission.
 #[derive(Default)]
@@ -39,7 +40,9 @@ impl Schedule {
 
     /// The oldest job that is due by a frame; waits for it if it is late.
     pub fn take_due(&mut self, frame: FrameId, executor: &mut dyn Executor) -> Result<Option<JobResult>, SlamError> {
-        let is_due = |job: &InFlight| job.due <= frame || executor.hurry(job.ticket);
+        // A correction moves the world under local mapping's feet, so it waits until none is in flight.
+        let may = |job: &InFlight| job.kind == JobKind::Mapping || self.is_idle(JobKind::Mapping);
+        let is_due = |job: &InFlight| may(job) && (job.due <= frame || executor.hurry(job.ticket));
         let Some(at) = self.in_flight.iter().position(is_due) else { return Ok(None) };
         let InFlight { ticket, kind, result, .. } = self.in_flight.remove(at);
         let result = result.or_else(|| executor.collect(ticket));
@@ -52,6 +55,10 @@ pub(super) struct Applied {
     pub edits: Vec<MapEdit>,
     pub counts: EditCounts,
     pub mapping: MappingCounts,
+    /// What the application of a loop says.
+    pub event: Option<Event>,
+    /// Factor on all lengths around the last frame.
+    pub scale: f64,
 }
 
 impl Slam {
@@ -65,6 +72,15 @@ impl Slam {
 
     /// Does to the map and its surroundings what a job found.
     pub(super) fn apply_job(&mut self, result: JobResult) -> Applied {
+        let corrections = self.map.corrections();
+        let mut scale = 1.0;
+        for edit in result.journal.edits() {
+            if let MapEdit::Correct(correction) = edit
+                && correction.based_on == corrections
+            {
+                scale = self.rescale(correction);
+            }
+        }
         let mut editor = Editor::new(&mut self.map);
         let renaming = editor.replay(result.journal);
         let (journal, counts) = editor.finish();
@@ -74,14 +90,22 @@ impl Slam {
                 self.places.remove(id.0);
             }
         }
-        let mapping = match result.outcome {
-            Outcome::Mapping { mut young, counts } => {
+        let (mut mapping, mut event) = (MappingCounts::default(), None);
+        match result.outcome {
+            Outcome::Mapping { keyframe, mut young, counts } => {
                 young.rename(&renaming);
                 self.young = young;
-                counts
+                self.waiting.search = Some(keyframe);
+                mapping = counts;
             }
-        };
-        Applied { edits, counts, mapping }
+            Outcome::Loop { state, found } => {
+                self.loops = state;
+                let corrected = self.map.corrections() != corrections;
+                event = found.filter(|_| corrected).map(|found| self.loop_closed(&found));
+            }
+            Outcome::Global => {}
+        }
+        Applied { edits, counts, mapping, event, scale }
     }
 
     /// Applies what is still in flight. To be called after the last frame, before the map or the trajectory is read.
@@ -89,9 +113,16 @@ impl Slam {
     /// # Errors
     /// When the executor lost a job.
     pub fn settle(&mut self, executor: &mut dyn Executor) -> Result<(), SlamError> {
-        while let Some(result) = self.schedule.take_due(FrameId(u32::MAX), executor)? {
-            self.apply_job(result);
+        let last = FrameId(self.frames.len().saturating_sub(1) as u32);
+        loop {
+            while let Some(result) = self.schedule.take_due(FrameId(u32::MAX), executor)? {
+                self.apply_job(result);
+            }
+            let jobs = self.loop_jobs(last);
+            if jobs.is_empty() {
+                return Ok(());
+            }
+            jobs.into_iter().for_each(|(job, due)| self.schedule.submit(job, due, executor));
         }
-        Ok(())
     }
 }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use slam_math::{KeyFrameId, Se3};
+use slam_math::{KeyFrameId, Se3, Sim3};
 
 use super::{Executor, Observer, Slam, SlamError, Tracker, Work, record, trajectory};
 use crate::context::Context;
@@ -90,21 +90,27 @@ impl<'a> Step<'a> {
             self.map_frame(&filter);
         }
         self.observer.done(Work::Keyframe);
-        self.submit_jobs();
-        // Those without lag.
-        if self.apply_due_jobs()? && tracked {
-            self.frame.update_from(&self.slam.map);
+        while self.submit_jobs() {
+            // Those without lag; they may lead to others.
+            if self.apply_due_jobs()? && tracked {
+                self.frame.update_from(&self.slam.map);
+            }
         }
         Ok(self.finish(tracked, &filter))
     }
 
-    fn submit_jobs(&mut self) {
-        if let Some(keyframe) = self.mapping_due {
-            let (job, due) = self.slam.mapping_job(keyframe, self.frame.id);
-            self.observer.done(Work::Snapshot);
+    /// Submits what is to be done in the background. Tells whether there was anything.
+    fn submit_jobs(&mut self) -> bool {
+        let mapping = self.mapping_due.take().map(|keyframe| self.slam.mapping_job(keyframe, self.frame.id));
+        let mut jobs: Vec<_> = mapping.into_iter().collect();
+        jobs.extend(self.slam.loop_jobs(self.frame.id));
+        self.observer.done(Work::Snapshot);
+        let any = !jobs.is_empty();
+        for (job, due) in jobs {
             self.slam.schedule.submit(job, due, self.executor);
-            self.observer.done(Work::Jobs);
         }
+        self.observer.done(Work::Jobs);
+        any
     }
 
     /// Applies the results that take effect before this frame (or, without lag, at its end). Tells whether any did.
@@ -120,20 +126,25 @@ impl<'a> Step<'a> {
             self.counts.points_culled += applied.mapping.culled;
             self.counts.points_fused += applied.mapping.fused;
             self.counts.ba_outliers += applied.mapping.ba_outliers;
+            self.events.extend(applied.event);
             any = true;
-            self.follow_map();
+            self.frame.camera_from_reference.translation *= applied.scale;
+            self.follow_map(applied.scale);
             self.observer.done(Work::Apply);
         }
         Ok(any)
     }
 
     /// What is remembered of the frames before moves with the map: motion is judged against it, and predicted from it.
-    pub(super) fn follow_map(&mut self) {
+    /// `scale` is the factor on all lengths there.
+    fn follow_map(&mut self, scale: f64) {
         let Some(last) = &mut self.slam.tracker.last else { return };
         let before = last.camera_from_world;
         last.update_from(&self.slam.map);
         if last.camera_from_world != before {
-            self.slam.filter.move_world(&(last.camera_from_world.inverse() * before));
+            let now = last.camera_from_world;
+            let scaled = Sim3 { scale: 1.0 / scale, se3: Se3 { translation: now.translation / scale, ..now } };
+            self.slam.filter.move_world(&(scaled.inverse() * Sim3::from(before)));
         }
     }
 

@@ -7,7 +7,7 @@ use super::{JobKind, doubts};
 use crate::map::MapEdit;
 use crate::mapping::{create_points_from_depth, insert_keyframe};
 use crate::panoptic::FrameFilter;
-use crate::tracking::{keyframe_needed, relocalize};
+use crate::tracking::keyframe_needed;
 
 impl Step<'_> {
     pub(super) fn insert(&mut self, filter: &FrameFilter, map: MapId) -> (KeyFrameId, u32) {
@@ -49,32 +49,6 @@ impl Step<'_> {
             return;
         }
         let (id, _) = self.insert(filter, self.slam.tracker.active);
-        self.join_maps(id);
         self.mapping_due = Some(id);
-    }
-
-    /// While several parts of the atlas exist, each new keyframe looks for its place in the others; when it is found,
-    /// the active part moves into the other's frame.
-    fn join_maps(&mut self, id: KeyFrameId) {
-        let active = self.slam.tracker.active;
-        // Parts of a monocular atlas differ in scale: one pose in both says nothing about it.
-        if self.ctx.is_monocular()
-            || self.slam.tracker.next_map.0 < 2
-            || self.slam.map.keyframes().all(|k| k.map == active)
-        {
-            return;
-        }
-        let mut probe = self.frame.clone();
-        let found = relocalize(&self.ctx, &self.slam.map, &self.slam.places, &mut probe, |k| k.map != active);
-        let Some(found) = found else { return };
-        let Some(keyframe) = self.slam.map.keyframe(id) else { return };
-        // Both poses are of the same camera at the same time.
-        let into_from_map = probe.camera_from_world.inverse() * keyframe.camera_from_world;
-        let join = MapEdit::Join { map: active, into: found.map, into_from_map };
-        self.edit(|_, editor, _| editor.apply(join));
-        self.slam.tracker.active = found.map;
-        self.frame.update_from(&self.slam.map);
-        self.follow_map();
-        self.event(true, format!("{active} joined {} at {}", found.map, found.keyframe));
     }
 }

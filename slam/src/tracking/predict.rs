@@ -62,7 +62,7 @@ fn match_last_frame(
 
 /// How far the measured depth may lie from the expected one when the pixel may be off by `radius`: the field's test on
 /// the right image coordinate, written for depth.
-pub(super) fn depth_tolerance(ctx: &Context, z: f64, radius: f64) -> f64 {
+pub(crate) fn depth_tolerance(ctx: &Context, z: f64, radius: f64) -> f64 {
     z * z / ctx.bf * radius
 }
 

@@ -3,10 +3,12 @@
 #![allow(clippy::unwrap_used, missing_docs)] // a test may panic, and has no readers of its documentation
 
 mod config;
+mod corridor;
 mod filter;
 mod filter_selection;
 mod jobs;
 mod joining;
+mod loops;
 mod loss;
 mod map;
 mod map_edits;

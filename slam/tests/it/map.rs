@@ -5,9 +5,9 @@ use std::sync::Arc;
 use nalgebra::{Vector3, Vector6};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
-use slam::map::{Appearance, Editor, KeyFrame, Map, MapEdit, MapPoint, NewPoint};
+use slam::map::{Appearance, Correction, Editor, Join, KeyFrame, Map, MapEdit, MapPoint, NewPoint};
 use slam::report::KeypointClass;
-use slam_math::{FrameId, KeyFrameId, MapId, MapPointId, Rng, Se3, Stamp};
+use slam_math::{FrameId, KeyFrameId, MapId, MapPointId, Rng, Se3, Sim3, Stamp};
 
 use crate::support::{descriptor, observation};
 
@@ -43,6 +43,7 @@ pub fn keyframe(map: &Map, part: MapId, points: &[MapPointId]) -> MapEdit {
         covisible: Vec::new(),
         parent: None,
         children: Vec::new(),
+        loops: Vec::new(),
     }))
 }
 
@@ -123,11 +124,15 @@ pub fn check(map: &Map) {
     }
 }
 
-/// A parent is older, so following parents ends at a root: no cycles.
+/// Following parents ends at a root: no cycles.
 fn check_tree(map: &Map, k: &KeyFrame) {
+    let above = std::iter::successors(Some(k.id), |id| map.keyframe(*id).and_then(|k| k.parent));
+    assert!(above.take(map.keyframe_count() + 1).count() <= map.keyframe_count(), "{} hangs on itself", k.id);
+    for other in &k.loops {
+        assert!(map.keyframe(*other).expect("ends of loops live").loops.contains(&k.id));
+    }
     assert!(k.children.is_sorted_by(|a, b| a < b));
     if let Some(parent) = k.parent {
-        assert!(parent < k.id);
         assert!(map.keyframe(parent).expect("parents live").children.contains(&k.id));
     }
     for child in &k.children {
@@ -160,10 +165,24 @@ fn edit(map: &Map, kind: u32, a: u32, b: u32) -> MapEdit {
         11 => MapEdit::CountSight(point_id, a.is_multiple_of(2)),
         12 | 13 => MapEdit::Connect(keyframe_id),
         14 if !a.is_multiple_of(3) => MapEdit::CullKeyFrame(keyframe_id),
-        14 if b.is_multiple_of(5) => MapEdit::Join { map: MapId(1), into: MapId(0), into_from_map: pose(a) },
+        14 if b.is_multiple_of(5) => MapEdit::Correct(Box::new(correction(map, keyframe_id, a, b))),
+        14 if b.is_multiple_of(3) => MapEdit::LinkLoop(keyframe_id, KeyFrameId(b % (map.next_keyframe().0 + 1))),
         14 => MapEdit::Refresh(point_id, appearance(a)),
         _ if a.is_multiple_of(3) => MapEdit::CullPoint(point_id),
         _ => MapEdit::SetDoubts(point_id, a),
+    }
+}
+
+/// Moves a keyframe and what hangs on it, or joins its part to the other one.
+fn correction(map: &Map, id: KeyFrameId, a: u32, b: u32) -> Correction {
+    let other = map.keyframes().find(|k| Some(k.map) != map.keyframe(id).map(|k| k.map));
+    let join = map.keyframe(id).zip(other).filter(|_| a.is_multiple_of(2));
+    Correction {
+        based_on: map.corrections() + u32::from(b.is_multiple_of(4)),
+        keyframes: vec![(id, Sim3 { scale: 1.1, se3: pose(a) })],
+        points: vec![(MapPointId(b % (map.next_point().0 + 1)), position(b))],
+        join: join.map(|(k, other)| Join { map: k.map, into: other.map, at: (k.id, other.id) }),
+        then: vec![MapEdit::Connect(id)],
     }
 }
 

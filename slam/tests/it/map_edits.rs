@@ -1,8 +1,8 @@
 //! Single edits with their exact results.
 
-use slam::map::{Map, MapEdit, NewPoint};
+use slam::map::{Correction, Join, Map, MapEdit, NewPoint};
 use slam::report::KeypointClass;
-use slam_math::{FrameId, KeyFrameId, MapId, MapPointId, Se3};
+use slam_math::{FrameId, KeyFrameId, MapId, MapPointId, Se3, Sim3};
 
 use crate::map::{KEYPOINTS, appearance, check, content, keyframe, new_point, pose, position};
 
@@ -127,7 +127,8 @@ fn edits_of_the_dead_do_nothing() {
         MapEdit::Connect(dead_keyframe),
         MapEdit::CullPoint(dead_point),
         MapEdit::CullKeyFrame(dead_keyframe),
-        MapEdit::Join { map: MapId(7), into: MapId(0), into_from_map: pose(1) },
+        MapEdit::LinkLoop(dead_keyframe, ids[0]),
+        MapEdit::Correct(Box::new(Correction { based_on: 1, ..Correction::default() })),
     ];
     for edit in edits {
         assert!(!map.apply(&edit), "{}", edit.name());
@@ -142,8 +143,13 @@ fn joining_moves_a_part_rigidly_and_leaves_the_other_alone() {
     let moves = chain(MapId(1), 2, &mut map);
     map.apply(&MapEdit::CullKeyFrame(moves[1]));
     let before = map.clone();
-    assert!(map.apply(&MapEdit::Join { map: MapId(1), into: MapId(0), into_from_map: pose(50) }));
+    let by = Sim3::from(pose(50));
+    let join = Some(Join { map: MapId(1), into: MapId(0), at: (moves[2], stays[1]) });
+    let keyframes = vec![(moves[0], by), (moves[2], by)];
+    assert!(map.apply(&MapEdit::Correct(Box::new(Correction { keyframes, join, ..Correction::default() }))));
     check(&map);
+    assert_eq!(map.keyframe(moves[2]).unwrap().parent, Some(stays[1]), "one tree");
+    assert_eq!(map.keyframe(moves[0]).unwrap().parent, Some(moves[2]), "turned round at the seam");
     assert_eq!(map.keyframe_count_of(MapId(1)), 0);
     for (was, now) in before.points().zip(map.points()) {
         if was.map == MapId(0) {

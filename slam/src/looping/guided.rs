@@ -1,0 +1,130 @@
+//! A place: what a keyframe and its neighbours know about it, and finding that in another keyframe.
+
+use nalgebra::Vector3;
+use slam_math::{KeyFrameId, MapPointId, Se3};
+use slam_optimize::{PoseObservation, PoseOptions, optimize_pose};
+use slam_vision::{Descriptor, hamming_many};
+
+use crate::context::Context;
+use crate::map::{KeyFrame, Map};
+use crate::mapping::points_of;
+use crate::matching::{Limits, Match, Query, project, search};
+use crate::tracking::{appearance, depth_tolerance};
+
+/// A keyframe's keypoint and the point of the place that it shows.
+pub type Pairing = Vec<(u32, MapPointId)>;
+
+/// A keyframe, its best neighbours and all their points.
+#[derive(Debug, Clone)]
+pub struct Place {
+    /// In the middle.
+    pub middle: KeyFrameId,
+    /// With its neighbours, sorted.
+    pub keyframes: Vec<KeyFrameId>,
+    /// Their points, sorted.
+    pub points: Vec<MapPointId>,
+}
+
+impl Place {
+    /// The place around a keyframe.
+    #[must_use]
+    pub fn around(map: &Map, middle: &KeyFrame, neighbours: usize) -> Self {
+        let mut keyframes: Vec<KeyFrameId> = middle.best_covisible(neighbours).collect();
+        keyframes.push(middle.id);
+        keyframes.sort_unstable();
+        let points = points_of(map, &keyframes);
+        Self { middle: middle.id, keyframes, points }
+    }
+
+    /// Pairs a keyframe's map points with the place's by descriptor alone: mutually best, clearly better than the second
+    /// best.
+    #[must_use]
+    pub fn match_descriptors(&self, ctx: &Context, map: &Map, keyframe: &KeyFrame) -> Pairing {
+        let points: Vec<(MapPointId, Descriptor)> =
+            self.points.iter().filter_map(|id| map.point(*id)).map(|p| (p.id, p.descriptor)).collect();
+        let descriptors: Vec<Descriptor> = points.iter().map(|(_, d)| *d).collect();
+        let mut owner: Vec<Option<(u32, u32)>> = vec![None; points.len()];
+        let mut distances = Vec::new();
+        for i in (0..keyframe.points.len()).filter(|i| keyframe.points[*i].is_some()) {
+            hamming_many(&keyframe.obs.descriptor[i], &descriptors, &mut distances);
+            let Some((best, distance)) = clear_winner(&distances, RATIO) else { continue };
+            let claim = (distance, i as u32);
+            if distance <= ctx.config.tracking.hamming_low && owner[best].is_none_or(|holder| claim < holder) {
+                owner[best] = Some(claim);
+            }
+        }
+        let mut pairs: Pairing =
+            owner.iter().zip(&points).filter_map(|(o, (id, _))| o.map(|(_, i)| (i, *id))).collect();
+        pairs.sort_unstable();
+        pairs
+    }
+
+    /// Looks for the place's points in a keyframe that is at `camera_from_world` in the place's world. Also returns how
+    /// many of them should be visible there.
+    #[must_use]
+    pub fn search(
+        &self,
+        ctx: &Context,
+        map: &Map,
+        keyframe: &KeyFrame,
+        camera_from_world: &Se3,
+        radius: f64,
+    ) -> (Pairing, usize) {
+        let center = camera_from_world.inverse().translation;
+        let mut queries = Vec::new();
+        for point in self.points.iter().filter_map(|id| map.point(*id)) {
+            let Some((pixel, z)) = project(&ctx.camera, camera_from_world, &point.position) else { continue };
+            let Some((octave, _)) = appearance(ctx, point, &center) else { continue };
+            let radius = radius * ctx.scales[usize::from(octave)];
+            queries.push(Query {
+                key: point.id,
+                pixel,
+                radius,
+                octaves: [octave.saturating_sub(1), octave + 1],
+                depth_m: Some((z, depth_tolerance(ctx, z, radius))),
+                descriptor: point.descriptor,
+            });
+        }
+        let limits = Limits { hamming: ctx.config.looping.hamming, ratio: 1.0 };
+        let found = search(&keyframe.obs, &queries, limits, |i| keyframe.usable[i]);
+        (found.iter().map(|m: &Match<MapPointId>| (m.index, m.key)).collect(), queries.len())
+    }
+}
+
+/// Best over second best distance when nothing else than the descriptor is known (ORB-SLAM's matcher for loops).
+const RATIO: f64 = 0.9;
+
+/// Index and distance of the smallest, if the second smallest is far enough.
+fn clear_winner(distances: &[u32], ratio: f64) -> Option<(usize, u32)> {
+    let (mut first, mut second) = ((u32::MAX, 0), u32::MAX);
+    for (i, distance) in distances.iter().enumerate() {
+        if *distance < first.0 {
+            (first, second) = ((*distance, i), first.0);
+        } else if *distance < second {
+            second = *distance;
+        }
+    }
+    (first.0 != u32::MAX && f64::from(first.0) <= ratio * f64::from(second)).then_some((first.1, first.0))
+}
+
+/// The keyframe's pose among the paired points, and the pairs that fit it.
+pub(super) fn refine(
+    ctx: &Context,
+    map: &Map,
+    keyframe: &KeyFrame,
+    pairs: &Pairing,
+    start: &Se3,
+) -> Option<(Se3, Pairing)> {
+    let position = |id: MapPointId| map.point(id).map(|p| p.position);
+    let known: Vec<(u32, MapPointId, Vector3<f64>)> =
+        pairs.iter().filter_map(|(i, id)| Some((*i, *id, position(*id)?))).collect();
+    let observe = |(i, _, point): &(u32, MapPointId, Vector3<f64>)| {
+        let measurement = ctx.measurement(&keyframe.obs, *i as usize);
+        PoseObservation { point_in_world: *point, measurement }
+    };
+    let observations: Vec<PoseObservation> = known.iter().map(observe).collect();
+    let result = optimize_pose(&ctx.pinhole, ctx.bf, &observations, start, &PoseOptions::default());
+    let fitting = known.iter().zip(&result.inlier).filter(|(_, inlier)| **inlier).map(|((i, id, _), _)| (*i, *id));
+    let fitting: Pairing = fitting.collect();
+    (fitting.len() >= 3 && result.camera_from_world.is_finite()).then_some((result.camera_from_world, fitting))
+}

@@ -1,0 +1,146 @@
+//! A long walk round a building, as geometry: landmarks on the walls of a corridor that comes back to its start, and what
+//! a depth camera with a systematic error says about them.
+
+use std::f64::consts::FRAC_PI_2;
+use std::sync::Arc;
+
+use nalgebra::{Matrix3, Vector3};
+use slam::observation::Observation;
+use slam::{Config, FrameInput, Inline, Slam, Unobserved};
+use slam_math::{Rng, Se3, float};
+use slam_vision::{Descriptor, KeypointGrid};
+
+use crate::support::{blank, camera, descriptor, setup};
+
+/// Sides of the rectangle on which the corridor's middle runs, and the radius of its corners, metres: 60 m round.
+const SIDES_M: [f64; 2] = [15.716, 8.0];
+const CORNER_M: f64 = 2.0;
+/// Length of one round, metres.
+pub const ROUND_M: f64 = 60.0;
+/// Between landmarks, and how far they are seen, metres.
+const SPACING_M: f64 = 0.008;
+const SIGHT_M: f64 = 5.0;
+/// Keypoints of a picture at most.
+const KEYPOINTS: usize = 450;
+
+/// What is wrong with the sensor.
+#[derive(Debug, Clone, Copy)]
+pub struct Errors {
+    /// Standard deviation of a keypoint, pixels.
+    pub pixel_px: f64,
+    /// Standard deviation of a depth, share of the depth.
+    pub depth_share: f64,
+    /// The picture shifts to the right by this for each metre of way, pixels: a camera that warms up. Its motion looks
+    /// like a turn, so the path bends, by `shift / fx` radians a metre.
+    pub shift_px_per_m: f64,
+    /// Bits of 256 that differ each time a descriptor is seen.
+    pub bits: usize,
+}
+
+/// Pose of the corridor's middle after a way of `s` metres: position, and heading from the x axis towards y.
+fn middle(s: f64) -> ([f64; 2], f64) {
+    let arc = CORNER_M * FRAC_PI_2;
+    let (mut at, mut heading, mut left) = ([0.0, 0.0], 0.0, s - (s / ROUND_M).floor() * ROUND_M);
+    for side in [SIDES_M[0], SIDES_M[1], SIDES_M[0], SIDES_M[1]] {
+        let straight = if left < side { left } else { side };
+        at = [at[0] + straight * float::cos(heading), at[1] + straight * float::sin(heading)];
+        left -= straight;
+        let turn = if left < arc { left } else { arc } / CORNER_M;
+        let (from, to) = (heading, heading + turn);
+        at[0] += CORNER_M * (float::sin(to) - float::sin(from));
+        at[1] += CORNER_M * (float::cos(from) - float::cos(to));
+        (heading, left) = (to, left - turn * CORNER_M);
+    }
+    (at, heading)
+}
+
+/// True pose of the camera after a way of `s` metres: it looks ahead, a little to the side.
+pub fn world_from_camera(s: f64) -> Se3 {
+    let (at, heading) = middle(s);
+    let gaze = heading + 0.12 * float::sin(s);
+    let (sin, cos) = (float::sin(gaze), float::cos(gaze));
+    // Columns: the camera's x to the right, y down, z ahead.
+    let rotation = Matrix3::new(sin, 0.0, cos, -cos, 0.0, sin, 0.0, -1.0, 0.0);
+    Se3 { rotation, translation: Vector3::new(at[0], at[1], 0.05 * float::sin(1.7 * s)) }
+}
+
+/// Landmarks with the way at which they stand.
+pub struct Corridor {
+    landmarks: Vec<(f64, Vector3<f64>)>,
+    /// Where the place number `n` of the list looks like another place: the wall papers repeat.
+    pub errors: Errors,
+}
+
+impl Corridor {
+    pub fn new(errors: Errors) -> Self {
+        let count = (ROUND_M / SPACING_M) as u32;
+        let landmark = |i: u32| {
+            let mut rng = Rng::at(11, i, 0, 0);
+            let s = f64::from(i) * SPACING_M;
+            let ([x, y], heading) = middle(s);
+            let side = if i.is_multiple_of(2) { 1.4 } else { -1.4 } * (0.8 + 0.2 * rng.uniform());
+            let (nx, ny) = (-float::sin(heading), float::cos(heading));
+            (s, Vector3::new(x + side * nx, y + side * ny, 2.4 * rng.uniform() - 1.2))
+        };
+        Self { landmarks: (0..count).map(landmark).collect(), errors }
+    }
+
+    /// What the camera sees after a way of `s` metres, as frame `id`.
+    pub fn observe(&self, id: u32, s: f64) -> Observation {
+        let camera_from_world = world_from_camera(s).inverse();
+        let bounds = camera().undistorted_bounds();
+        let (mut pixels, mut octaves, mut depths, mut descriptors) = (vec![], vec![], vec![], vec![]);
+        for (index, (way, point)) in (0u32..).zip(&self.landmarks) {
+            let ahead = way - s;
+            let ahead = ahead - (ahead / ROUND_M).floor() * ROUND_M;
+            let p = camera_from_world.transform(point);
+            if ahead > SIGHT_M || !(0.4..SIGHT_M).contains(&p[2]) || pixels.len() >= KEYPOINTS {
+                continue;
+            }
+            let mut rng = Rng::at(12, id, 0, index);
+            let Some([u, v]) = camera().project(p) else { continue };
+            let u = u + self.errors.shift_px_per_m * s;
+            let pixel = [u + rng.normal() * self.errors.pixel_px, v + rng.normal() * self.errors.pixel_px];
+            if pixel[0] < 4.0 || pixel[1] < 4.0 || pixel[0] > 315.0 || pixel[1] > 235.0 {
+                continue;
+            }
+            pixels.push(pixel);
+            octaves.push((float::ln(SIGHT_M / p[2]) / float::ln(1.2)).clamp(0.0, 7.0) as u8);
+            depths.push(p[2] * (1.0 + rng.normal() * self.errors.depth_share));
+            descriptors.push(blurred(descriptor(20, index), &mut rng, self.errors.bits));
+        }
+        let n = pixels.len();
+        Observation {
+            raw_pixel: pixels.clone(),
+            grid: KeypointGrid::build(&pixels, bounds),
+            pixel: pixels,
+            octave: octaves,
+            angle: vec![0.0; n],
+            descriptor: descriptors,
+            depth_m: depths,
+            label: vec![0; n],
+        }
+    }
+
+    /// Walks and returns the slam, with the true pose of each frame.
+    pub fn walk(&self, config: &Config, ways: impl IntoIterator<Item = f64>) -> (Slam, Vec<Se3>, Vec<String>) {
+        let mut slam = Slam::new(config, &setup()).unwrap();
+        let (mut truth, mut events) = (Vec::new(), Vec::new());
+        for (id, s) in (0..).zip(ways) {
+            let input: FrameInput = blank(id, 0);
+            let report = slam.step(&input, Arc::new(self.observe(id, s)), &mut Inline, &mut Unobserved).unwrap();
+            events.extend(report.events.into_iter().map(|e| format!("{id}: {}", e.text)));
+            truth.push(world_from_camera(s));
+        }
+        slam.settle(&mut Inline).unwrap();
+        (slam, truth, events)
+    }
+}
+
+fn blurred(mut descriptor: Descriptor, rng: &mut Rng, bits: usize) -> Descriptor {
+    for _ in 0..bits {
+        let bit = rng.below(256);
+        descriptor[bit / 64] ^= 1 << (bit % 64);
+    }
+    descriptor
+}
