@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3};
 use slam::observation::Observation;
-use slam::{Config, FrameInput, Inline, Slam, Unobserved};
+use slam::{Config, Inline, Slam, Unobserved};
 use slam_math::{Rng, Se3, float};
 use slam_vision::{Descriptor, KeypointGrid};
 
@@ -30,9 +30,6 @@ pub struct Errors {
     pub pixel_px: f64,
     /// Standard deviation of a depth, share of the depth.
     pub depth_share: f64,
-    /// The picture shifts to the right by this for each metre of way, pixels: a camera that warms up. Its motion looks
-    /// like a turn, so the path bends, by `shift / fx` radians a metre.
-    pub shift_px_per_m: f64,
     /// Bits of 256 that differ each time a descriptor is seen.
     pub bits: usize,
 }
@@ -67,8 +64,7 @@ pub fn world_from_camera(s: f64) -> Se3 {
 /// Landmarks with the way at which they stand.
 pub struct Corridor {
     landmarks: Vec<(f64, Vector3<f64>)>,
-    /// Where the place number `n` of the list looks like another place: the wall papers repeat.
-    pub errors: Errors,
+    errors: Errors,
 }
 
 impl Corridor {
@@ -99,7 +95,6 @@ impl Corridor {
             }
             let mut rng = Rng::at(12, id, 0, index);
             let Some([u, v]) = camera().project(p) else { continue };
-            let u = u + self.errors.shift_px_per_m * s;
             let pixel = [u + rng.normal() * self.errors.pixel_px, v + rng.normal() * self.errors.pixel_px];
             if pixel[0] < 4.0 || pixel[1] < 4.0 || pixel[0] > 315.0 || pixel[1] > 235.0 {
                 continue;
@@ -122,19 +117,27 @@ impl Corridor {
         }
     }
 
-    /// Walks and returns the slam, with the true pose of each frame.
-    pub fn walk(&self, config: &Config, ways: impl IntoIterator<Item = f64>) -> (Slam, Vec<Se3>, Vec<String>) {
-        let mut slam = Slam::new(config, &setup()).unwrap();
-        let (mut truth, mut events) = (Vec::new(), Vec::new());
+    /// Walks these ways, a frame each.
+    pub fn walk(&self, config: &Config, ways: impl IntoIterator<Item = f64>) -> Walk {
+        let slam = Slam::new(config, &setup()).unwrap();
+        let mut walk = Walk { slam, truth: Vec::new(), events: Vec::new() };
         for (id, s) in (0..).zip(ways) {
-            let input: FrameInput = blank(id, 0);
-            let report = slam.step(&input, Arc::new(self.observe(id, s)), &mut Inline, &mut Unobserved).unwrap();
-            events.extend(report.events.into_iter().map(|e| format!("{id}: {}", e.text)));
-            truth.push(world_from_camera(s));
+            let (input, obs) = (blank(id, 0), Arc::new(self.observe(id, s)));
+            let report = walk.slam.step(&input, obs, &mut Inline, &mut Unobserved).unwrap();
+            walk.events.extend(report.events.into_iter().map(|e| format!("frame {id}: {}", e.text)));
+            walk.truth.push(world_from_camera(s));
         }
-        slam.settle(&mut Inline).unwrap();
-        (slam, truth, events)
+        walk.slam.settle(&mut Inline).unwrap();
+        walk
     }
+}
+
+/// What came out of a walk.
+pub struct Walk {
+    pub slam: Slam,
+    /// `world_from_camera` of each frame.
+    pub truth: Vec<Se3>,
+    pub events: Vec<String>,
 }
 
 fn blurred(mut descriptor: Descriptor, rng: &mut Rng, bits: usize) -> Descriptor {

@@ -15,7 +15,7 @@ fn sweep() -> (WorldConfig, Vec<u32>) {
     let mut world = room(200);
     world.camera_path.amplitude_m = [0.1, 0.05, 0.02];
     world.camera_path.look_amplitude_m = [6.0, 0.0, 0.0];
-    let order = (0..6).chain(64..118).collect();
+    let order = (0..6).chain(64..134).collect();
     (world, order)
 }
 
