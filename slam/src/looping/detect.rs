@@ -1,17 +1,15 @@
 //! Is a candidate the same place? Geometry decides, and other keyframes must agree.
 
-use slam_math::{KeyFrameId, MapId, MapPointId, Rng, Se3, Sim3};
-use slam_optimize::{AbsoluteOptions, absolute_orientation_ransac};
+use slam_math::{KeyFrameId, MapId, MapPointId, Rng, Sim3};
+use slam_optimize::{DepthCamera, find_similarity};
 
 use super::candidates::Candidates;
-use super::guided::{Pairing, Place, refine};
+use super::guided::{Pairing, Place, point_pairs, refine, similarity_options};
 use crate::context::Context;
 use crate::map::{KeyFrame, Map, moved_pose};
 
 /// Random stream of this stage, see [`Rng::at`].
 const STAGE: u32 = 5;
-/// 99 % of chi-square with 2 degrees of freedom: the gate of the field's RANSAC for loops.
-const CHI2_2_99: f64 = 9.210;
 /// Keyframes around the current one that are asked whether they agree.
 const WITNESSES: usize = 5;
 
@@ -61,7 +59,8 @@ struct Pending {
 
 /// A place that one keyframe has verified.
 struct Verified {
-    camera_from_world: Se3,
+    /// In the place's world, with the unit of the keyframe's own.
+    camera_from_world: Sim3,
     pairs: Pairing,
 }
 
@@ -111,8 +110,8 @@ pub fn detect(
     None
 }
 
-fn correction_by(keyframe: &KeyFrame, camera_from_world: &Se3) -> Sim3 {
-    Sim3::from(camera_from_world.inverse() * keyframe.camera_from_world)
+fn correction_by(keyframe: &KeyFrame, camera_from_world: &Sim3) -> Sim3 {
+    camera_from_world.inverse() * Sim3::from(keyframe.camera_from_world)
 }
 
 fn found(map: &Map, keyframe: &KeyFrame, place: &Place, verified: Verified) -> LoopFound {
@@ -130,41 +129,28 @@ fn verify(ctx: &Context, map: &Map, keyframe: &KeyFrame, place: &Place) -> Optio
     if pairs.len() < l.min_matches {
         return None;
     }
-    let (mut in_world, mut in_camera, mut keypoints) = (Vec::new(), Vec::new(), Vec::new());
-    for (i, id) in &pairs {
-        let own = keyframe.points[*i as usize].and_then(|own| map.point(own));
-        if let (Some(own), Some(point)) = (own, map.point(*id)) {
-            in_camera.push(keyframe.camera_from_world.transform(&own.position));
-            in_world.push(point.position);
-            keypoints.push(*i as usize);
-        }
-    }
+    let (_, points) = point_pairs(ctx, map, keyframe, place, &pairs);
+    let camera = DepthCamera { pinhole: ctx.pinhole, bf: ctx.bf };
     let mut rng = Rng::at(ctx.config.seed, keyframe.frame.0, STAGE, place.middle.0);
-    let options =
-        AbsoluteOptions { max_iterations: l.iterations, min_inliers: l.min_inliers, ..AbsoluteOptions::default() };
-    let agrees = |n: usize, moved: &nalgebra::Vector3<f64>| {
-        let i = keypoints[n];
-        let [u, v] = keyframe.obs.pixel[i];
-        let limit = CHI2_2_99 / ctx.measurement(&keyframe.obs, i).weight;
-        ctx.pinhole.project(moved).is_some_and(|[x, y]| (x - u) * (x - u) + (y - v) * (y - v) <= limit)
-    };
-    let (start, _) = absolute_orientation_ransac(&mut rng, &in_world, &in_camera, agrees, &options)?;
+    let found = find_similarity(&mut rng, &camera, &points, &similarity_options(ctx))?;
+    let middle = Sim3::from(map.keyframe(place.middle)?.camera_from_world);
+    let start = found.second_from_first * middle;
     search_and_refine(ctx, map, keyframe, place, &start)
 }
 
 /// Two guided searches, each refined: the first around a rough pose, the second must find enough.
-fn search_and_refine(ctx: &Context, map: &Map, keyframe: &KeyFrame, place: &Place, start: &Se3) -> Option<Verified> {
+fn search_and_refine(ctx: &Context, map: &Map, keyframe: &KeyFrame, place: &Place, start: &Sim3) -> Option<Verified> {
     let l = &ctx.config.looping;
-    let (pairs, _) = place.search(ctx, map, keyframe, start, l.radius_px);
+    let (pairs, _) = place.search(ctx, map, keyframe, &start.to_se3(), l.radius_px);
     if pairs.len() < l.min_projected {
         return None;
     }
-    let (pose, fitting) = refine(ctx, map, keyframe, &pairs, start)?;
+    let (pose, fitting) = refine(ctx, map, keyframe, place, &pairs, start)?;
     if fitting.len() < l.min_refined {
         return None;
     }
-    let (pairs, visible) = place.search(ctx, map, keyframe, &pose, l.radius_refined_px);
-    let (camera_from_world, pairs) = refine(ctx, map, keyframe, &pairs, &pose)?;
+    let (pairs, visible) = place.search(ctx, map, keyframe, &pose.to_se3(), l.radius_refined_px);
+    let (camera_from_world, pairs) = refine(ctx, map, keyframe, place, &pairs, &pose)?;
     let share = pairs.len() as f64 / visible.max(1) as f64;
     (pairs.len() >= l.min_final && share >= l.min_found_share).then_some(Verified { camera_from_world, pairs })
 }
@@ -176,7 +162,7 @@ fn confirm(ctx: &Context, map: &Map, keyframe: &KeyFrame, pending: &Pending) -> 
     if keyframe.covisible.iter().any(|(id, _)| *id == pending.matched) {
         return None;
     }
-    let start = moved_pose(&keyframe.camera_from_world, &pending.corrected_from_world);
+    let start = Sim3::from(keyframe.camera_from_world) * pending.corrected_from_world.inverse();
     let verified = search_and_refine(ctx, map, keyframe, &place, &start)?;
     Some((place, verified))
 }

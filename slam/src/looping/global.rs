@@ -65,7 +65,6 @@ impl Adjustment {
         if iterations == 0 || problem.observations.is_empty() || problem.poses.iter().all(|p| p.fixed) {
             return None;
         }
-        // TODO options
         slam_optimize::bundle_adjust(problem, &slam_optimize::BaOptions { iterations, ..Default::default() });
         let finite = problem.poses.iter().all(|p| p.camera_from_world.is_finite())
             && problem.points.iter().all(|p| p.iter().all(|v| v.is_finite()));

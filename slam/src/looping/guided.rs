@@ -1,8 +1,11 @@
 //! A place: what a keyframe and its neighbours know about it, and finding that in another keyframe.
 
 use nalgebra::Vector3;
-use slam_math::{KeyFrameId, MapPointId, Se3};
-use slam_optimize::{PoseObservation, PoseOptions, optimize_pose};
+use slam_math::{KeyFrameId, MapPointId, Se3, Sim3};
+use slam_optimize::{
+    DepthCamera, Measurement, PointPair, PoseObservation, PoseOptions, SimilarityOptions, optimize_pose,
+    refine_similarity,
+};
 use slam_vision::{Descriptor, hamming_many};
 
 use crate::context::Context;
@@ -107,24 +110,76 @@ fn clear_winner(distances: &[u32], ratio: f64) -> Option<(usize, u32)> {
     (first.0 != u32::MAX && f64::from(first.0) <= ratio * f64::from(second)).then_some((first.1, first.0))
 }
 
-/// The keyframe's pose among the paired points, and the pairs that fit it.
+/// The keyframe's pose among the paired points, and the pairs that fit it. With depth the points themselves say how large
+/// everything is; without it the points that the keyframe knows on its side do.
 pub(super) fn refine(
     ctx: &Context,
     map: &Map,
     keyframe: &KeyFrame,
+    place: &Place,
     pairs: &Pairing,
-    start: &Se3,
-) -> Option<(Se3, Pairing)> {
-    let position = |id: MapPointId| map.point(id).map(|p| p.position);
-    let known: Vec<(u32, MapPointId, Vector3<f64>)> =
-        pairs.iter().filter_map(|(i, id)| Some((*i, *id, position(*id)?))).collect();
-    let observe = |(i, _, point): &(u32, MapPointId, Vector3<f64>)| {
+    start: &Sim3,
+) -> Option<(Sim3, Pairing)> {
+    if ctx.is_monocular() {
+        let (used, points) = point_pairs(ctx, map, keyframe, place, pairs);
+        let middle = Sim3::from(map.keyframe(place.middle)?.camera_from_world);
+        let camera = DepthCamera { pinhole: ctx.pinhole, bf: ctx.bf };
+        let options = similarity_options(ctx);
+        let found = refine_similarity(&camera, &points, &(*start * middle.inverse()), &options);
+        let fitting = chosen(&used, &found.inlier);
+        return (found.second_from_first.is_finite()).then_some((found.second_from_first * middle, fitting));
+    }
+    let known: Vec<_> = pairs.iter().filter_map(|(i, id)| map.point(*id).map(|p| ((*i, *id), p.position))).collect();
+    let observe = |((i, _), point): &((u32, MapPointId), Vector3<f64>)| {
         let measurement = ctx.measurement(&keyframe.obs, *i as usize);
         PoseObservation { point_in_world: *point, measurement }
     };
     let observations: Vec<PoseObservation> = known.iter().map(observe).collect();
-    let result = optimize_pose(&ctx.pinhole, ctx.bf, &observations, start, &PoseOptions::default());
-    let fitting = known.iter().zip(&result.inlier).filter(|(_, inlier)| **inlier).map(|((i, id, _), _)| (*i, *id));
-    let fitting: Pairing = fitting.collect();
-    (fitting.len() >= 3 && result.camera_from_world.is_finite()).then_some((result.camera_from_world, fitting))
+    let result = optimize_pose(&ctx.pinhole, ctx.bf, &observations, &start.to_se3(), &PoseOptions::default());
+    let used: Pairing = known.into_iter().map(|(pair, _)| pair).collect();
+    let fitting = chosen(&used, &result.inlier);
+    result.camera_from_world.is_finite().then_some((result.camera_from_world.into(), fitting))
+}
+
+fn chosen(pairs: &Pairing, inlier: &[bool]) -> Pairing {
+    pairs.iter().zip(inlier).filter(|(_, inlier)| **inlier).map(|(pair, _)| *pair).collect()
+}
+
+/// Pairs of which the keyframe knows a point of its own, as both cameras see them: the place through its middle keyframe,
+/// which need not have seen every point of it itself.
+pub(super) fn point_pairs(
+    ctx: &Context,
+    map: &Map,
+    keyframe: &KeyFrame,
+    place: &Place,
+    pairs: &Pairing,
+) -> (Pairing, Vec<PointPair>) {
+    let Some(middle) = map.keyframe(place.middle) else { return Default::default() };
+    let both = |(i, id): &(u32, MapPointId)| {
+        let own = keyframe.points[*i as usize].and_then(|own| map.point(own))?;
+        let point = map.point(*id)?;
+        let in_first = middle.camera_from_world.transform(&point.position);
+        let seen_by_first = match point.sighting(middle.id) {
+            Some(sighting) => ctx.measurement(&middle.obs, sighting.index as usize),
+            None => {
+                let pixel = ctx.pinhole.project(&in_first)?;
+                Measurement { pixel, disparity: None, weight: 1.0, weight_disparity: 0.0 }
+            }
+        };
+        let in_second = keyframe.camera_from_world.transform(&own.position);
+        let seen_by_second = ctx.measurement(&keyframe.obs, *i as usize);
+        Some(((*i, *id), PointPair { in_first, in_second, seen_by_first, seen_by_second }))
+    };
+    pairs.iter().filter_map(both).unzip()
+}
+
+/// Depth fixes the scale.
+pub(super) fn similarity_options(ctx: &Context) -> SimilarityOptions {
+    let l = &ctx.config.looping;
+    SimilarityOptions {
+        fix_scale: !ctx.is_monocular(),
+        max_iterations: l.iterations,
+        min_inliers: l.min_inliers,
+        ..SimilarityOptions::default()
+    }
 }

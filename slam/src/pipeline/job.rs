@@ -77,7 +77,7 @@ pub(super) enum Outcome {
     /// Of local mapping: the points that are still on probation, and counts.
     Mapping { keyframe: KeyFrameId, young: YoungPoints, counts: MappingCounts },
     /// Of a loop search: what detection remembers, and the place that the correction is about.
-    Loop { state: LoopState, found: Option<LoopFound> },
+    Loop { state: LoopState, found: Option<Box<LoopFound>> },
     /// Of a global adjustment: nothing.
     Global,
 }
@@ -112,7 +112,7 @@ impl Job {
                 if let Some(edit) = correction {
                     editor.apply(edit);
                 }
-                Outcome::Loop { state, found }
+                Outcome::Loop { state, found: found.map(Box::new) }
             }
             Task::Global { part } => {
                 if let Some(edit) = global_adjustment(&self.ctx, editor.map(), part) {
