@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 use slam_math::{KeyFrameId, MapId, MapPointId, Sim3};
-use slam_optimize::{BaObservation, BaPose, BaProblem};
+use slam_optimize::{BaObservation, BaOptions, BaPose, BaProblem, global_bundle_adjust};
 
 use super::seam::correction;
 use crate::context::Context;
@@ -65,7 +65,11 @@ impl Adjustment {
         if iterations == 0 || problem.observations.is_empty() || problem.poses.iter().all(|p| p.fixed) {
             return None;
         }
-        slam_optimize::bundle_adjust(problem, &slam_optimize::BaOptions { iterations, ..Default::default() });
+        let options = BaOptions { iterations, ..BaOptions::default() };
+        // A keyframe that nothing ties to the others stays where it is.
+        while let Err(loose) = global_bundle_adjust(problem, &options) {
+            problem.poses[loose.pose].fixed = true;
+        }
         let finite = problem.poses.iter().all(|p| p.camera_from_world.is_finite())
             && problem.points.iter().all(|p| p.iter().all(|v| v.is_finite()));
         let poses = problem.poses.iter().map(|p| Sim3::from(p.camera_from_world));

@@ -113,7 +113,7 @@ impl<'a> Step<'a> {
         any
     }
 
-    /// Applies the results that take effect before this frame (or, without lag, at its end). Tells whether any did.
+    /// Applies the results that take effect before this frame (or, without lag, at its end). Tells whether any changed the map.
     fn apply_due_jobs(&mut self) -> Result<bool, SlamError> {
         let mut any = false;
         while let Some(result) = self.slam.schedule.take_due(self.frame.id, self.executor)? {
@@ -127,9 +127,12 @@ impl<'a> Step<'a> {
             self.counts.points_fused += applied.mapping.fused;
             self.counts.ba_outliers += applied.mapping.ba_outliers;
             self.events.extend(applied.event);
-            any = true;
-            self.frame.camera_from_reference.translation *= applied.scale;
-            self.follow_map(applied.scale);
+            // Following a map that has not moved would still round.
+            if applied.counts.applied > 0 {
+                any = true;
+                self.frame.camera_from_reference.translation *= applied.scale;
+                self.follow_map(applied.scale);
+            }
             self.observer.done(Work::Apply);
         }
         Ok(any)
