@@ -10,7 +10,6 @@ use slam_vision::{Descriptor, hamming_many};
 
 use crate::context::Context;
 use crate::map::{KeyFrame, Map};
-use crate::mapping::points_of;
 use crate::matching::{Limits, Match, Query, project, search};
 use crate::tracking::{appearance, depth_tolerance};
 
@@ -35,7 +34,7 @@ impl Place {
         let mut keyframes: Vec<KeyFrameId> = middle.best_covisible(neighbours).collect();
         keyframes.push(middle.id);
         keyframes.sort_unstable();
-        let points = points_of(map, &keyframes);
+        let points = map.points_seen_by(&keyframes);
         Self { middle: middle.id, keyframes, points }
     }
 

@@ -9,7 +9,7 @@ use super::detect::LoopFound;
 use super::guided::Place;
 use crate::context::Context;
 use crate::map::{Correction, Join, KeyFrame, Map, MapEdit};
-use crate::mapping::{Editor, fuse_into, points_of};
+use crate::mapping::{Editor, fuse_into};
 
 /// A snapshot on which the end of a loop has been moved and fused with the place as it was known.
 pub(super) struct Seam {
@@ -49,7 +49,7 @@ impl Seam {
         for target in &targets {
             fuse_into(ctx, &mut editor, *target, &place.points);
         }
-        for point in points_of(editor.map(), &[keyframe.id]) {
+        for point in editor.map().points_seen_by(&[keyframe.id]) {
             editor.refresh(ctx, point);
         }
         for id in &targets {
@@ -103,7 +103,7 @@ fn first_move(
     // What is seen moves along, whoever made it and whether that keyframe lives or not.
     let seen: Vec<MapPointId> = match found.joins {
         true => before.points().filter(|p| p.map == keyframe.map).map(|p| p.id).collect(),
-        false => points_of(before, window),
+        false => before.points_seen_by(window),
     };
     let away = |id: &MapPointId| before.point(*id).map(|p| (*id, by.transform(&p.position) - p.position));
     let join = Join { map: keyframe.map, into: middle.map, at: (keyframe.id, middle.id) };

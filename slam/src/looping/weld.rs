@@ -8,7 +8,6 @@ use super::graph::Graph;
 use super::seam::{Seam, correction};
 use crate::context::Context;
 use crate::map::{Join, Map, MapEdit};
-use crate::mapping::points_of;
 
 /// The part that found the place moves into the other's frame; bundle adjustment fits its window to the place, which is
 /// held; the rest of the part follows over the essential graph.
@@ -35,7 +34,7 @@ fn adjust_window(ctx: &Context, seam: &mut Seam, window: &[KeyFrameId]) -> Optio
     let mut keyframes: Vec<KeyFrameId> = window.iter().chain(&seam.place.keyframes).copied().collect();
     keyframes.sort_unstable();
     keyframes.dedup();
-    let points = points_of(&seam.map, window);
+    let points = seam.map.points_seen_by(window);
     let fixed = |id: KeyFrameId| window.binary_search(&id).is_err();
     let adjusted =
         Adjustment::new(ctx, &seam.map, keyframes, fixed, points).solve(ctx.config.looping.global_iterations.max(1));

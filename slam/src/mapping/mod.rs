@@ -10,7 +10,7 @@ mod triangulate;
 pub use crate::map::Editor;
 pub use create::{create_points_from_depth, insert_keyframe};
 pub use cull::YoungPoints;
-pub use fuse::{fuse_into, points_of};
+pub use fuse::fuse_into;
 pub use start::insert_two_views;
 
 use slam_math::KeyFrameId;

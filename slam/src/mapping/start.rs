@@ -27,6 +27,8 @@ pub fn insert_two_views(
             editor.refresh(ctx, point);
         }
     }
-    ids.map(|id| editor.apply(MapEdit::Connect(id)));
+    for id in ids {
+        editor.apply(MapEdit::Connect(id));
+    }
     ids
 }
