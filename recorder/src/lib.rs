@@ -8,11 +8,13 @@
 //! - [`import`]: data set folders to logs.
 //! - [`recover`]: a damaged log to a valid one, with a list of what is lost.
 //! - [`realsense`]: RealSense cameras through the vendor's library.
+//! - [`board`]: the calibration board to print.
 //! - [`sync`]: clocks and hand-eye transform from what was recorded.
 //! - [`Arrival`]: the host's clocks at the moment when something came in.
 //! - [`picture`]: PNG and JPEG files at the border of a log.
 
 mod arrival;
+pub mod board;
 pub mod capture;
 pub mod import;
 mod log_writer;

@@ -1,6 +1,7 @@
 //! One file a subcommand.
 
 mod bench;
+mod board;
 mod check;
 mod config;
 mod demo;
@@ -44,6 +45,8 @@ pub enum Command {
     Diff(diff::Diff),
     /// Find clock offset, drift and hand-eye transform of a recording; exit code 1 if no marker body fits the camera.
     Sync(sync::Sync),
+    /// Write a calibration board to print, SVG or PDF.
+    Board(board::Board),
     /// Compare a run's trajectory with the ground truth.
     Eval(eval::Eval),
     /// Measure how fast a replay is, stage by stage.
@@ -74,6 +77,7 @@ impl Command {
             Self::Verify(command) => command.run(progress),
             Self::Diff(command) => command.run(),
             Self::Sync(command) => command.run(progress),
+            Self::Board(command) => command.run(),
             Self::Eval(command) => command.run(),
             Self::Bench(command) => command.run(progress),
             Self::Suite(command) => command.run(progress),
