@@ -8,13 +8,15 @@
 //! - [`import`]: data set folders to logs.
 //! - [`recover`]: a damaged log to a valid one, with a list of what is lost.
 //! - [`realsense`]: RealSense cameras through the vendor's library.
-//! - [`board`]: the calibration board to print.
+//! - [`board`]: the calibration board to print; with the feature `opencv`, `calibrate` looks for it in pictures.
 //! - [`sync`]: clocks and hand-eye transform from what was recorded.
 //! - [`Arrival`]: the host's clocks at the moment when something came in.
 //! - [`picture`]: PNG and JPEG files at the border of a log.
 
 mod arrival;
 pub mod board;
+#[cfg(feature = "opencv")]
+pub mod calibrate;
 pub mod capture;
 pub mod import;
 mod log_writer;

@@ -2,6 +2,8 @@
 
 mod bench;
 mod board;
+#[cfg(feature = "opencv")]
+mod calibrate;
 mod check;
 mod config;
 mod demo;
@@ -47,6 +49,9 @@ pub enum Command {
     Sync(sync::Sync),
     /// Write a calibration board to print, SVG or PDF.
     Board(board::Board),
+    /// Check intrinsics and find the hand-eye transform from views of the board; exit code 1 if either is wrong.
+    #[cfg(feature = "opencv")]
+    Calibrate(calibrate::Calibrate),
     /// Compare a run's trajectory with the ground truth.
     Eval(eval::Eval),
     /// Measure how fast a replay is, stage by stage.
@@ -78,6 +83,8 @@ impl Command {
             Self::Diff(command) => command.run(),
             Self::Sync(command) => command.run(progress),
             Self::Board(command) => command.run(),
+            #[cfg(feature = "opencv")]
+            Self::Calibrate(command) => command.run(progress),
             Self::Eval(command) => command.run(),
             Self::Bench(command) => command.run(progress),
             Self::Suite(command) => command.run(progress),
