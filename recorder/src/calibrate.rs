@@ -232,7 +232,27 @@ impl Calibrator {
     }
 }
 
+/// A parameter that differs by more than this share of the focal length, and by more than [`WRONG_SIGMAS`], is wrong: 1 %
+/// is 5 mm half a metre away.
+const WRONG_SHARE: f64 = 0.01;
+/// Standard deviations within which two calibrations agree; those of OpenCV know no lens or print errors.
+const WRONG_SIGMAS: f64 = 4.0;
+
 impl Calibration {
+    /// Names of the intrinsics of `camera` that the views contradict. The reprojection error does not tell: a wrong focal
+    /// length is nearly made up for by a wrong distance.
+    #[must_use]
+    pub fn contradicted(&self, camera: &CameraModel) -> Vec<&'static str> {
+        let f = &self.fitted;
+        let pairs =
+            [("fx", camera.fx, f.fx), ("fy", camera.fy, f.fy), ("cx", camera.cx, f.cx), ("cy", camera.cy, f.cy)];
+        let wrong = pairs.iter().zip(&self.fitted_sigma_px).filter(|((_, given, fitted), sigma)| {
+            let difference = (given - fitted).abs();
+            difference > WRONG_SHARE * f.fx && difference > WRONG_SIGMAS * **sigma
+        });
+        wrong.map(|((name, _, _), _)| *name).collect()
+    }
+
     /// The camera's path before the board.
     #[must_use]
     pub fn track(&self) -> Track {

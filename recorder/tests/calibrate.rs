@@ -85,7 +85,8 @@ fn wrong_intrinsics_are_noticed() {
         calibrator.frame(i as i64, &view(&board, pose)).unwrap();
     });
     let found = calibrator.finish().unwrap();
-    assert!(found.rms_px > 3.0 * found.fitted_rms_px, "{found:?}");
+    assert_eq!(found.contradicted(&wrong), ["fx", "fy"], "{found:?}");
+    assert_eq!(found.contradicted(&CAMERA), [""; 0], "{found:?}");
     assert!((found.fitted.fx - CAMERA.fx).abs() < 3.0, "{found:?}");
 }
 

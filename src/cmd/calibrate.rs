@@ -46,6 +46,8 @@ struct Report {
     camera: CameraModel,
     /// Whether they fit the views.
     intrinsics_good: bool,
+    /// Which of them the views contradict.
+    contradicted: Vec<&'static str>,
     calibration: Calibration,
     /// None for a log without mocap.
     sync: Option<SyncRecord>,
@@ -78,9 +80,10 @@ impl Calibrate {
         if let Some(record) = sync.as_ref().filter(|_| self.write) {
             append_record(&self.log, &self.log, metadata::SYNC, record.to_metadata(), false)?;
         }
-        let intrinsics_good = calibration.rms_px <= self.max_error_px;
+        let contradicted = calibration.contradicted(&camera);
+        let intrinsics_good = contradicted.is_empty() && calibration.rms_px <= self.max_error_px;
         let written = self.write && sync.is_some();
-        let report = Report { camera, intrinsics_good, calibration, sync, written };
+        let report = Report { camera, intrinsics_good, contradicted, calibration, sync, written };
         let hand_eye_good = report.sync.is_none() || report.hand_eye().is_some_and(|found| found.found().is_some());
         stdout::either(self.json, &report)?;
         Ok(Outcome::from_good(intrinsics_good && hand_eye_good))
@@ -98,13 +101,20 @@ impl fmt::Display for Report {
         let c = &self.calibration;
         writeln!(f, "views       {} of {} pictures, {} corners", c.views, c.frames, c.corners)?;
         let verdict = if self.intrinsics_good { "good" } else { "WRONG: use the fitted ones" };
-        writeln!(f, "intrinsics  {:.3} px with the log's: {verdict}; {:.3} px with the best", c.rms_px, c.fitted_rms_px)?;
+        writeln!(
+            f,
+            "intrinsics  {:.3} px with the log's: {verdict}; {:.3} px with the best",
+            c.rms_px, c.fitted_rms_px
+        )?;
         let rows = [
             ("fx", self.camera.fx, c.fitted.fx),
             ("fy", self.camera.fy, c.fitted.fy),
             ("cx", self.camera.cx, c.fitted.cx),
             ("cy", self.camera.cy, c.fitted.cy),
         ];
+        if !self.contradicted.is_empty() {
+            writeln!(f, "            the views contradict {}", self.contradicted.join(", "))?;
+        }
         for ((name, log, fitted), sigma) in rows.iter().zip(&c.fitted_sigma_px) {
             writeln!(f, "  {name}        {log:.2} in the log, {fitted:.2} +- {sigma:.2} fitted")?;
         }
