@@ -173,3 +173,51 @@ impl Iterator for FrameStream {
         (least.min(1), most)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+    use super::*;
+    use crate::log::Log;
+    use recorder::{LogOptions, RgbdLog, RgbdSpec};
+    use schemas::calibration::{CameraModel, Distortion};
+
+    /// A log many times as long as what is kept of it: incompressible pictures, a chunk every two frames.
+    #[test]
+    fn what_is_kept_does_not_grow_with_the_log() {
+        const FRAMES: i64 = 120;
+        const PICTURE_BYTES: usize = 1 << 20;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("long.mcap");
+        let camera =
+            CameraModel { width: 2, height: 2, fx: 2.0, fy: 2.0, cx: 1.0, cy: 1.0, distortion: Distortion::None };
+        let spec = RgbdSpec::new("test", "noise", camera);
+        let mut log = RgbdLog::create(&path, &LogOptions::default(), &spec).unwrap();
+        let mut state = 1_u64;
+        let mut picture = vec![0; PICTURE_BYTES];
+        for frame in 0..FRAMES {
+            for bytes in picture.chunks_mut(8) {
+                state = state.wrapping_mul(0x5851_f42d_4c95_7f2d).wrapping_add(1);
+                bytes.copy_from_slice(&(state ^ state >> 29).to_le_bytes());
+            }
+            log.color(Stamp(frame * 33_000_000), "jpeg", &picture).unwrap();
+            if frame % 2 == 1 {
+                log.log().flush().unwrap();
+            }
+        }
+        log.finish().unwrap();
+        assert!(path.metadata().unwrap().len() as usize > 3 * CACHE_BYTES);
+
+        let timeline = Log::open(&path).unwrap().timeline(None).unwrap();
+        let mut stream = timeline.stream(0..FRAMES as usize).unwrap();
+        let mut frames = 0;
+        while let Some(frame) = stream.next() {
+            assert_eq!(frame.unwrap().color.bytes.len(), PICTURE_BYTES);
+            let kept: usize = stream.cache.iter().map(|(_, contents)| contents.capacity()).sum();
+            assert!(kept <= CACHE_BYTES + 4 * PICTURE_BYTES, "{kept} bytes after frame {frames}");
+            frames += 1;
+        }
+        assert_eq!(frames, FRAMES);
+    }
+}
