@@ -17,4 +17,5 @@ mod observation;
 mod paper_rule;
 mod pipeline;
 mod scene;
+mod sensors;
 mod support;

@@ -8,11 +8,11 @@ use slam::context::Context;
 use slam::observation::Observation;
 use slam::panoptic::{FrameFilter, PanopticFilter};
 use slam::report::{RegionState, Verdict};
-use slam::{Config, FrameInput};
+use slam::{Config, FrameInput, Sensor};
 use slam_math::Se3;
 use slam_vision::Features;
 
-use crate::support::{HEIGHT, WIDTH, blank, camera, context, depth, descriptor, mask};
+use crate::support::{HEIGHT, WIDTH, blank, camera, context, context_of, depth, descriptor, mask};
 
 pub const PERSON: u16 = 1;
 pub const SUITCASE: u16 = 33;
@@ -79,6 +79,11 @@ impl Film {
         Self { ctx: context(config), filter, next: 0, camera_m: [0.0; 3], with_mask: true }
     }
 
+    /// A film by a camera without depth.
+    pub fn monocular(config: &Config) -> Self {
+        Self { ctx: context_of(config, Sensor::Monocular), ..Self::new(config) }
+    }
+
     pub fn pose(&self) -> Se3 {
         Se3 { translation: -Vector3::from(self.camera_m), ..Se3::identity() }
     }
@@ -125,7 +130,8 @@ impl Film {
         segments.sort_unstable();
         segments.dedup();
         let panoptic = self.with_mask.then(|| mask(ids, &segments));
-        FrameInput { depth: Some(depth(units)), panoptic, ..blank(self.next, 0) }
+        let depth = (self.ctx.sensor == Sensor::Rgbd).then(|| depth(units));
+        FrameInput { depth, panoptic, ..blank(self.next, 0) }
     }
 
     fn keypoints(&self, boards: &[Board]) -> Features {

@@ -37,8 +37,12 @@ pub fn setup() -> Setup {
 }
 
 pub fn context(config: &Config) -> Context {
+    context_of(config, Sensor::Rgbd)
+}
+
+pub fn context_of(config: &Config, sensor: Sensor) -> Context {
     let scales: Vec<f64> = std::iter::successors(Some(1.0), |s| Some(s * 1.2)).take(8).collect();
-    Context::new(config, &setup(), &scales)
+    Context::new(config, &Setup { sensor, ..setup() }, &scales)
 }
 
 /// A descriptor like no other.
@@ -115,7 +119,7 @@ pub fn input_of(frame: &RenderedFrame, id: u32) -> FrameInput {
         id: FrameId(id),
         stamp: Stamp(frame.stamp_ns),
         gray: gray_from_rgb(&frame.rgb, WIDTH, HEIGHT).unwrap(),
-        right: None,
+        right: frame.right_rgb.as_ref().map(|rgb| gray_from_rgb(rgb, WIDTH, HEIGHT).unwrap()),
         depth: Some(depth(frame.depth_units.clone())),
         panoptic: Some(mask(frame.panoptic.ids.clone(), &segments)),
     }
