@@ -1,6 +1,8 @@
 //! The real librealsense, without a camera: a synthetic one inside the library, and recordings of it that are played.
 //! Needs `PSLAM_LIBREALSENSE`; `tests/realsense/run.sh` fetches two versions and runs this for both.
 
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 mod realsense_support;
 
 use realsense_support::{assert_same, collect, ending, library, record, samples, samples_of_log, spec};

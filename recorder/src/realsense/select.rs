@@ -110,3 +110,86 @@ fn no_stream(camera: &DeviceDescription, stream: StreamId) -> CameraError {
     let (name, serial) = (camera.name.clone(), camera.serial.clone());
     CameraError::Stream { name, serial, stream: stream.to_string(), offered }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::realsense::SensorDescription;
+
+    fn camera(usb: &str, motion_rates: &[u32]) -> DeviceDescription {
+        let profile = |kind, format, width, height, rate_hz| StreamProfile {
+            stream: StreamId::only(kind),
+            format,
+            width,
+            height,
+            rate_hz,
+        };
+        let mut profiles = vec![
+            profile(StreamKind::Color, Format::Yuyv, 640, 480, 30),
+            profile(StreamKind::Color, Format::Bgr8, 640, 480, 30),
+            profile(StreamKind::Color, Format::Rgb8, 640, 480, 30),
+            profile(StreamKind::Color, Format::Rgb8, 640, 480, 60),
+            profile(StreamKind::Depth, Format::Z16, 848, 480, 30),
+            profile(StreamKind::Depth, Format::Z16, 1280, 720, 30),
+        ];
+        for rate_hz in motion_rates {
+            profiles.push(profile(StreamKind::Gyro, Format::MotionXyz32f, 0, 0, *rate_hz));
+            profiles.push(profile(StreamKind::Accel, Format::MotionXyz32f, 0, 0, *rate_hz));
+        }
+        DeviceDescription {
+            name: "D".to_owned(),
+            serial: "1".to_owned(),
+            firmware: None,
+            usb: Some(usb.to_owned()),
+            product_id: None,
+            more: Vec::new(),
+            recording: None,
+            sensors: vec![SensorDescription { name: String::new(), options: Vec::new(), profiles }],
+        }
+    }
+
+    fn mode(text: &str) -> Option<VideoMode> {
+        Some(text.parse().unwrap())
+    }
+
+    #[test]
+    fn modes_are_read_and_told() {
+        assert_eq!(mode("640x480@30").unwrap().to_string(), "640x480@30");
+        for bad in ["", "640x480", "640@30", "x@", "640x480@-1", "640x480@30@30", "a x b@c"] {
+            assert!(bad.parse::<VideoMode>().is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn an_exact_wish_has_no_findings() {
+        let wish = Wish { color: mode("640x480@30"), depth: mode("848x480@30"), imu: true };
+        let Selection { profiles, findings } = select(&camera("3.2", &[63, 200, 400]), &wish).unwrap();
+        let told: Vec<String> = profiles.iter().map(ToString::to_string).collect();
+        assert_eq!(told, ["depth 848x480@30 Z16", "color 640x480@30 Rgb8", "gyro @200", "accel @200"]);
+        assert_eq!(findings, []);
+    }
+
+    #[test]
+    fn the_nearest_is_offered_and_told() {
+        let wish = Wish { color: mode("640x480@90"), depth: mode("800x480@30"), imu: true };
+        let Selection { profiles, findings } = select(&camera("2.1", &[]), &wish).unwrap();
+        let told: Vec<String> = profiles.iter().map(ToString::to_string).collect();
+        assert_eq!(told, ["depth 848x480@30 Z16", "color 640x480@60 Rgb8"]);
+        let allowed: Vec<&str> = findings.iter().map(Finding::allowed_by).collect();
+        let profile = "--allow-other-profile";
+        assert_eq!(allowed, ["--allow-usb2", profile, profile, profile, profile]);
+        assert!(findings[0].to_string().contains("USB 2.1"));
+        assert!(findings[1].to_string().contains("depth 800x480@30; nearest is depth 848x480@30"), "{}", findings[1]);
+    }
+
+    #[test]
+    fn a_stream_that_is_not_there_is_an_error() {
+        let mut blind = camera("3.2", &[400]);
+        blind.sensors[0].profiles.retain(|profile| profile.stream.kind != StreamKind::Depth);
+        let error = select(&blind, &Wish { depth: mode("640x480@30"), ..Wish::default() }).unwrap_err().to_string();
+        assert_eq!(error, "D (1) has no depth stream; it has accel, color, gyro");
+        // A rate above what is asked for is better than none.
+        let imu = select(&blind, &Wish { imu: true, ..Wish::default() }).unwrap();
+        assert_eq!(imu.profiles.iter().map(|profile| profile.rate_hz).collect::<Vec<_>>(), [400, 400]);
+    }
+}
