@@ -25,9 +25,10 @@ pub(super) fn is_due(ctx: &Context, map: &Map, id: KeyFrameId) -> bool {
 /// Adjusts the neighbourhood of a keyframe. Observations that do not fit are removed; returns how many.
 pub(super) fn local_bundle_adjustment(ctx: &Context, editor: &mut Editor<'_>, id: KeyFrameId) -> u32 {
     let Some(mut window) = collect(ctx, editor.map(), id) else { return 0 };
-    // One round: what it shows to be an outlier leaves the map, and the next window starts from there.
+    // One round, not to the last digit: what it shows to be an outlier leaves the map, and the next window, a few frames
+    // later, starts from there.
     let iterations = ctx.config.mapping.ba_iterations as u32;
-    let options = BaOptions { rounds: 1, iterations, ..BaOptions::default() };
+    let options = BaOptions { rounds: 1, iterations, relative_decrease: 1e-3, ..BaOptions::default() };
     let observations = window.problem.observations.clone();
     let report = bundle_adjust(&mut window.problem, &options);
     for (id, pose) in window.keyframes.iter().zip(&window.problem.poses).filter(|(_, pose)| !pose.fixed) {

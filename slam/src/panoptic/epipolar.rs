@@ -33,7 +33,7 @@ pub struct Epipolar {
 /// The paper's step: F from Stuff matches by seeded RANSAC, then distances for all matched keypoints.
 pub(super) fn measure(ctx: &Context, id: FrameId, last: &Remembered, obs: &Observation, frame: &mut FrameFilter) {
     let e = &ctx.config.panoptic.epipolar;
-    let matches = match_last(ctx, last, obs, frame);
+    let matches = match_last(ctx, last, obs, frame, u8::MAX);
     let stuff: Vec<(usize, usize)> =
         matches.iter().copied().filter(|(i, _)| frame.class[*i] == KeypointClass::Stuff).collect();
     if stuff.len() < e.min_matches {
@@ -58,7 +58,7 @@ pub(super) fn measure(ctx: &Context, id: FrameId, last: &Remembered, obs: &Obser
 /// The same distances with F from the camera's motion, which needs no RANSAC and no Stuff.
 pub(super) fn from_motion(ctx: &Context, pose: &Se3, last: &Remembered, obs: &Observation, frame: &mut FrameFilter) {
     let motion = *pose * last.camera_from_world.inverse();
-    let matches = match_last(ctx, last, obs, frame);
+    let matches = match_last(ctx, last, obs, frame, 1);
     let p = &ctx.pinhole;
     let k_inverse = Matrix3::new(1.0 / p.fx, 0.0, -p.cx / p.fx, 0.0, 1.0 / p.fy, -p.cy / p.fy, 0.0, 0.0, 1.0);
     let matrix = k_inverse.transpose() * skew(&motion.translation) * motion.rotation * k_inverse;
@@ -85,15 +85,22 @@ fn record(
 }
 
 /// Nearest descriptor of the last frame for each keypoint, among keypoints of the same class (and, for Things, the same
-/// track), with ratio test; each keypoint of the last frame serves once.
-fn match_last(ctx: &Context, last: &Remembered, obs: &Observation, frame: &FrameFilter) -> Vec<(usize, usize)> {
+/// track) and at most so many octaves away, with ratio test; each keypoint of the last frame serves once.
+fn match_last(
+    ctx: &Context,
+    last: &Remembered,
+    obs: &Observation,
+    frame: &FrameFilter,
+    octaves: u8,
+) -> Vec<(usize, usize)> {
     let e = &ctx.config.panoptic.epipolar;
     let all: Vec<u32> = (0..last.obs.len() as u32).collect();
     let mut nearby = Vec::new();
     let mut owner: Vec<Option<(u32, usize)>> = vec![None; last.obs.len()];
     for i in (0..obs.len()).filter(|i| frame.class[*i] != KeypointClass::Person) {
         if e.radius_px > 0.0 {
-            last.obs.grid.query(obs.pixel[i], e.radius_px, 0, u8::MAX, &last.obs.octave, &mut nearby);
+            let (lowest, highest) = (obs.octave[i].saturating_sub(octaves), obs.octave[i].saturating_add(octaves));
+            last.obs.grid.query(obs.pixel[i], e.radius_px, lowest, highest, &last.obs.octave, &mut nearby);
         } else {
             nearby.clone_from(&all);
         }
