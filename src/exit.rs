@@ -1,6 +1,7 @@
 //! How a command ends: exit codes and error messages.
 
 use recorder::WriteError;
+use recorder::capture::RecordError;
 use recorder::recover::RecoverError;
 use replayer::OutputError;
 use replayer::eval::EvalError;
@@ -73,6 +74,7 @@ fn is_usage(cause: &(dyn Error + 'static)) -> bool {
         || is_in_the_way(cause)
         || matches!(cause.downcast_ref(), Some(EvalError::Option(_)))
         || matches!(cause.downcast_ref(), Some(RecoverError::SameFile(_)))
+        || matches!(cause.downcast_ref(), Some(RecordError::Refused(_)))
         || cause.downcast_ref().is_some_and(is_run_usage)
 }
 
@@ -90,7 +92,10 @@ fn is_run_usage(error: &RunError) -> bool {
 /// Something stands where the output should go.
 fn is_in_the_way(cause: &(dyn Error + 'static)) -> bool {
     let exists = |error: &WriteError| matches!(error, WriteError::Exists(_) | WriteError::Unfinished(_));
-    cause.downcast_ref().is_some_and(exists) || matches!(cause.downcast_ref(), Some(OutputError::Exists { .. }))
+    cause.downcast_ref().is_some_and(exists)
+        || matches!(cause.downcast_ref(), Some(OutputError::Exists { .. }))
+        // Transparent errors are not links of the chain of their own.
+        || matches!(cause.downcast_ref(), Some(RecordError::Log(error)) if exists(error))
 }
 
 #[cfg(test)]

@@ -15,6 +15,12 @@ impl Progress {
         Self { shown: wanted }
     }
 
+    /// Whether progress is wanted at all.
+    #[must_use]
+    pub fn is_shown(self) -> bool {
+        self.shown
+    }
+
     /// A bar for one piece of work; its length is told by [`update`].
     pub fn bar(self, what: &'static str) -> ProgressBar {
         let target = if self.shown { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };

@@ -12,6 +12,7 @@ mod diff;
 mod eval;
 mod import;
 mod info;
+mod record;
 mod recover;
 mod replay;
 mod run_folder;
@@ -29,6 +30,9 @@ pub enum Command {
     /// Show what could be recorded.
     Devices(devices::Devices),
     /// Turn a data set folder or a vendor's recording into a log.
+    /// Record sensors into a log; exit code 1 if anything is lost.
+    Record(Box<record::Record>),
+    /// Turn a data set folder into a log.
     #[command(subcommand)]
     Import(import::Source),
     /// Show what is in a log.
@@ -73,6 +77,7 @@ impl Command {
     pub fn run(self, progress: Progress) -> anyhow::Result<Outcome> {
         match self {
             Self::Devices(command) => command.run(),
+            Self::Record(command) => command.run(progress),
             Self::Import(source) => source.run(progress),
             Self::Info(command) => command.run(),
             Self::Check(command) => command.run(),

@@ -33,7 +33,7 @@ pub use inlet::{Allowed, EndedBy, Happening, Inlet, Limits, MocapCounts};
 pub use latency::Latency;
 pub use ledger::{Cause, Counts};
 pub use setup::CameraSetup;
-pub use source::{CameraSource, End, MotionCapture, Source};
+pub use source::{CameraSource, End, MotionCapture, Open, Source};
 pub use stamps::{CameraClock, DeviceTime};
 pub use status::{Status, StreamCounts, StreamStatus, Verdict};
 pub use stream::Stream;

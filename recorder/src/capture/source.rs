@@ -32,32 +32,28 @@ pub trait Source: Send {
 /// How often a source that waits looks around.
 const LOOK: Duration = Duration::from_millis(50);
 
+/// How a camera is opened again.
+pub type Open = Box<dyn FnMut() -> Result<(Camera, CameraSetup), CameraError> + Send>;
+
 /// A RealSense camera, or a recording that is played as one.
 pub struct CameraSource {
-    /// Opened before the recording starts, so that what is wrong is said at once.
     opened: Option<(Camera, CameraSetup)>,
-    open: Box<dyn FnMut() -> Result<(Camera, CameraSetup), CameraError> + Send>,
-    /// A playback as fast as it is taken, nothing lost.
+    again: Open,
     patient: bool,
 }
 
 impl CameraSource {
-    /// Opens the camera with `open`, which is called again after a loss. `patient`: the source is a file and waits.
-    ///
-    /// # Errors
-    /// Those of `open`.
-    pub fn new(
-        mut open: Box<dyn FnMut() -> Result<(Camera, CameraSetup), CameraError> + Send>,
-        patient: bool,
-    ) -> Result<Self, CameraError> {
-        let opened = Some(open()?);
-        Ok(Self { opened, open, patient })
+    /// Streams from an opened camera; after a loss from what `again` opens. `patient`: the source is a file that is played
+    /// as fast as it is taken, and waits.
+    #[must_use]
+    pub fn new(opened: (Camera, CameraSetup), again: Open, patient: bool) -> Self {
+        Self { opened: Some(opened), again, patient }
     }
 
     fn start(&mut self, inlet: &Inlet) -> Result<(Camera, Streaming), CameraError> {
         let (camera, setup) = match self.opened.take() {
             Some(opened) => opened,
-            None => (self.open)()?,
+            None => (self.again)()?,
         };
         camera.set_real_time(!self.patient)?;
         inlet.camera(&setup);

@@ -1,0 +1,102 @@
+//! `pslam record`.
+
+mod camera;
+mod quantity;
+mod screen;
+mod synthetic;
+
+use crate::progress::Progress;
+use crate::{Outcome, Usage};
+use camera::CameraArgs;
+use quantity::{bytes, seconds};
+use recorder::capture::{Allowed, Limits, RecordOptions, Source, SystemClock, Verdict, record};
+use screen::Screen;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+pub struct Record {
+    /// The log to write.
+    #[arg(short, long)]
+    out: PathBuf,
+    #[command(flatten)]
+    camera: CameraArgs,
+    /// End after so long, as 90, 90s, 5m, 1h; default: at Ctrl-C.
+    #[arg(long, value_name = "TIME", value_parser = seconds)]
+    duration: Option<Duration>,
+    /// End when the disk has no more room than this, as 500M, 2G.
+    #[arg(long, value_name = "SIZE", default_value = "1G", value_parser = bytes)]
+    reserve: u64,
+    /// What a crash of this program may cost at most.
+    #[arg(long, value_name = "TIME", default_value = "1", value_parser = seconds)]
+    flush_interval: Duration,
+    /// Keep colour and chunks uncompressed: three times the bytes, a fifth of the processor's time.
+    #[arg(long)]
+    raw: bool,
+    /// Overwrite an existing log.
+    #[arg(long)]
+    force: bool,
+    /// Print how it goes as JSON, a line a second, and the verdict as the last line.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Record {
+    pub(super) fn run(self, progress: Progress) -> anyhow::Result<Outcome> {
+        if self.flush_interval < Duration::from_millis(20) {
+            return Err(Usage("--flush-interval below 20 ms writes more overhead than data".to_owned()).into());
+        }
+        let stop = stop_signals()?;
+        let sources: Vec<Box<dyn Source>> = self.camera.source(progress)?.into_iter().collect();
+        if sources.is_empty() {
+            return Err(Usage("there is nothing to record".to_owned()).into());
+        }
+        let options = self.options();
+        let mut screen = Screen::new(self.json, progress);
+        let stopped = || stop.load(Ordering::Relaxed);
+        let verdict = record(sources, &options, Arc::new(SystemClock), &stopped, &mut |status| screen.status(status))?;
+        screen.verdict(&verdict)?;
+        afterwards(&verdict);
+        Ok(Outcome::from_good(verdict.complete))
+    }
+
+    fn options(&self) -> RecordOptions {
+        RecordOptions {
+            path: self.out.clone(),
+            force: self.force,
+            flush_interval: self.flush_interval,
+            duration: self.duration,
+            reserve_bytes: self.reserve,
+            compress: !self.raw,
+            allowed: Allowed { missing_metadata: self.camera.allow_missing_metadata },
+            limits: Limits::default(),
+            program: concat!("pslam ", env!("CARGO_PKG_VERSION")).to_owned(),
+            asked: self.camera.asked(),
+        }
+    }
+}
+
+/// What is done with a recording once it is closed.
+fn afterwards(_verdict: &Verdict) {}
+
+/// Set by Ctrl-C, `kill` and a closed terminal: the log is closed properly. A second one ends the program at once.
+fn stop_signals() -> anyhow::Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        signal_hook::flag::register_conditional_shutdown(signal, 128 + signal, Arc::clone(&stop))?;
+        signal_hook::flag::register(signal, Arc::clone(&stop))?;
+    }
+    // A file that may not grow any more is an error of `write`, not the end of the program.
+    signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)))?;
+    Ok(stop)
+}
+
+/// Name and value for the log.
+fn asked(entries: &[(&str, String)]) -> BTreeMap<String, String> {
+    entries.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect()
+}
