@@ -5,9 +5,7 @@ use std::fmt;
 use std::path::Path;
 
 use schemas::calibration::CameraModel;
-use schemas::msg::{
-    CameraInfo, CategoryTable, CompressedImage, Imu, LabelInfo, MocapFrame, PoseStamped, SegmentTable, TFMessage,
-};
+use schemas::msg::{CameraInfo, CategoryTable, CompressedImage, Image, LabelInfo, SegmentTable, encoding};
 use schemas::stereo::StereoModel;
 use schemas::{Stamp, metadata, topics};
 use serde::Serialize;
@@ -15,7 +13,7 @@ use serde::Serialize;
 use super::container::{Event, MessageEvent, scan};
 use super::decode::{color, pixels};
 use super::open::{decoded, stamp_of, true_pose};
-use super::{Log, LogError};
+use super::{Log, LogError, recording};
 
 /// How bad a finding is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -116,6 +114,9 @@ pub fn check(path: &Path) -> Result<CheckReport, LogError> {
         checker.find(Severity::Error, "sync", error.to_string());
     }
     checker.frames();
+    for (severity, kind, example) in recording::findings(&checker.log) {
+        checker.find(severity, kind, example);
+    }
     let (file_bytes, blake3) = (passed.file_bytes, passed.blake3);
     let mut findings: Vec<Finding> = checker.findings.into_values().collect();
     findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
@@ -126,7 +127,7 @@ pub fn check(path: &Path) -> Result<CheckReport, LogError> {
         blake3,
         chunks: checker.chunk_offsets.len(),
         messages: checker.messages,
-        frames: checker.log.sorted(topics::COLOR).len(),
+        frames: checker.log.colors().len(),
         findings,
     })
 }
@@ -207,7 +208,9 @@ impl Checker {
         let (time, sequence) = (message.log_time, message.sequence);
         if self.last_log_time.is_some_and(|last| last > time) {
             let what = format!("{topic}, message {sequence}: log time {time} s after a later one");
-            self.find(Severity::Warning, "order_in_file", what);
+            // A live recording stands in order of arrival.
+            let live = self.log.metadata.contains_key(metadata::RECORDING);
+            self.find(if live { Severity::Note } else { Severity::Warning }, "order_in_file", what);
         }
         self.last_log_time = self.last_log_time.max(Some(time));
         let Ok(stamp) = stamp_of(message) else { return }; // reported when the log takes the message
@@ -243,6 +246,7 @@ impl Checker {
         let data = message.data;
         let topic = message.channel.topic.as_str();
         match topic {
+            topics::DEPTH_NATIVE_INFO => self.steady(topic, decoded(data)?)?,
             topics::COLOR_INFO | topics::DEPTH_INFO => self.calibration(topic, decoded(data)?)?,
             topics::RIGHT_INFO => self.right_calibration(decoded(data)?)?,
             topics::COLOR | topics::RIGHT => {
@@ -255,14 +259,21 @@ impl Checker {
             topics::GROUND_TRUTH => {
                 true_pose(data)?;
             }
-            topics::TF => {
-                decoded::<TFMessage>(data)?;
+            topics::COLOR_RAW => {
+                let (width, height) = self.size()?;
+                let image: Image<'_> = decoded(data)?;
+                if (image.encoding.as_str(), image.data.len()) != (encoding::RGB8, width * height * 3) {
+                    return Err(format!(
+                        "{} in {} bytes is not rgb8 of the camera's size",
+                        image.encoding,
+                        image.data.len()
+                    ));
+                }
             }
-            topics::IMU => {
-                decoded::<Imu>(data)?;
+            topics::DEPTH_NATIVE => {
+                decoded::<Image<'_>>(data)?.pixels_u16().map_err(|error| error.to_string())?;
             }
-            topics::MOCAP => drop(decoded::<MocapFrame>(data)?),
-            _ if topics::mocap_body_of(topic).is_some() => drop(decoded::<PoseStamped>(data)?),
+            _ if recording::is_decoded(topic, data)? => {}
             _ => match topics::layer_of(topic).and_then(|_| topic.rsplit('/').next()) {
                 Some("categories") => drop(decoded::<CategoryTable>(data)?),
                 Some("label_info") => drop(decoded::<LabelInfo>(data)?),
@@ -279,14 +290,20 @@ impl Checker {
         Ok((camera.width as usize, camera.height as usize))
     }
 
-    /// A calibration must be usable, stay the same, and be that of the colour camera.
-    fn calibration(&mut self, topic: &str, mut info: CameraInfo) -> Result<(), String> {
-        let camera = CameraModel::from_camera_info(&info).map_err(|error| error.to_string())?;
+    /// A calibration must stay the same.
+    fn steady(&mut self, topic: &str, mut info: CameraInfo) -> Result<(), String> {
         info.header = schemas::msg::Header::default();
         let first = self.infos.entry(topic.to_owned()).or_insert_with(|| info.clone());
         if *first != info {
             return Err(format!("the calibration changes: k {:?} after {:?}", info.k, first.k));
         }
+        Ok(())
+    }
+
+    /// A calibration must be usable, stay the same, and be that of the colour camera.
+    fn calibration(&mut self, topic: &str, info: CameraInfo) -> Result<(), String> {
+        let camera = CameraModel::from_camera_info(&info).map_err(|error| error.to_string())?;
+        self.steady(topic, info)?;
         match self.camera {
             None => self.camera = Some(camera),
             Some(known) if known != camera => {

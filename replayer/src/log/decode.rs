@@ -3,8 +3,9 @@
 use std::io::Cursor;
 
 use image::ImageDecoder;
+use schemas::alignment::Aligner;
 use schemas::calibration::CameraModel;
-use schemas::msg::{Image, Segment, SegmentTable, format};
+use schemas::msg::{Image, Segment, SegmentTable, encoding, format};
 use schemas::{Stamp, panoptic};
 use zune_core::bytestream::ZCursor;
 use zune_core::colorspace::ColorSpace;
@@ -94,7 +95,11 @@ pub fn decode(raw: &RawFrame, camera: &CameraModel) -> Result<DecodedFrame, Deco
     let depth = match &raw.depth {
         None => None,
         Some(message) => {
-            let (stamp, units) = pixels(message, size).map_err(|r| error(format!("depth image: {r}")))?;
+            let depth = match &raw.aligner {
+                None => pixels(message, size),
+                Some(aligner) => registered(message, aligner),
+            };
+            let (stamp, units) = depth.map_err(|r| error(format!("depth image: {r}")))?;
             Some(DepthPixels { stamp, units, units_per_metre: raw.units_per_metre })
         }
     };
@@ -152,6 +157,14 @@ pub(crate) fn pixels(message: &[u8], size: (usize, usize)) -> Result<(Stamp, Vec
     Ok((image.header.stamp.into(), image.pixels_u16().map_err(|error| error.to_string())?))
 }
 
+/// Native depth as the colour camera sees it.
+fn registered(message: &[u8], aligner: &Aligner) -> Result<(Stamp, Vec<u16>), String> {
+    let image: Image<'_> = decoded(message)?;
+    let native = image.pixels_u16().map_err(|error| error.to_string())?;
+    let units = aligner.align(&native).map_err(|error| error.to_string())?;
+    Ok((image.header.stamp.into(), units))
+}
+
 fn check_size(found: (usize, usize), wanted: (usize, usize)) -> Result<(), String> {
     if found == wanted {
         return Ok(());
@@ -163,6 +176,8 @@ fn check_size(found: (usize, usize), wanted: (usize, usize)) -> Result<(), Strin
 pub(crate) fn color(kind: &str, bytes: &[u8], size: (usize, usize)) -> Result<Vec<u8>, String> {
     match kind {
         format::PNG => png(bytes, size),
+        encoding::RGB8 if bytes.len() == size.0 * size.1 * 3 => Ok(bytes.to_vec()),
+        encoding::RGB8 => Err(format!("{} bytes of raw pixels where {}x{}x3 are needed", bytes.len(), size.0, size.1)),
         format::JPEG | "jpg" => jpeg(bytes, size),
         other => Err(format!("format `{other}` is not known (png, jpeg)")),
     }

@@ -165,10 +165,13 @@ impl Log {
         let with_right = |t: &Timeline| t.frames().iter().filter(|frame| frame.right_stamp().is_some()).count();
         let frames_with_right = timeline.as_ref().map_or(0, with_right);
         let stereo = self.stereo().map_err(|error| problems.push(error.to_string())).ok().flatten();
-        let colors = self.sorted(topics::COLOR);
+        let colors = self.colors();
         problems.extend(timeline.err().map(|error| error.to_string()));
         let camera = self.camera().map_err(|error| problems.push(error.to_string())).ok();
-        let units = self.depth_units_per_metre().ok().filter(|_| self.topics.contains_key(topics::DEPTH));
+        let units = self
+            .depth_units_per_metre()
+            .ok()
+            .filter(|_| [topics::DEPTH, topics::DEPTH_NATIVE].iter().any(|topic| self.topics.contains_key(*topic)));
         let layer = |name: &str| {
             let masks = self.masks(name).unwrap_or_default();
             let masked = colors.iter().filter(|c| masks.binary_search_by_key(&c.stamp, |m| m.class.stamp).is_ok());

@@ -13,6 +13,8 @@ mod error;
 mod info;
 mod mocap;
 mod open;
+mod recording;
+mod registration;
 mod signals;
 mod stream;
 mod timeline;

@@ -5,14 +5,17 @@ use std::path::{Path, PathBuf};
 
 use schemas::calibration::CameraModel;
 use schemas::cdr::{Cdr, Reader};
-use schemas::msg::{CameraInfo, Category, CategoryTable, CompressedImage, Header, PoseStamped};
+use schemas::msg::{CameraInfo, Category, CategoryTable, CompressedImage, Extrinsics, Header, PoseStamped, encoding};
 use schemas::stereo::StereoModel;
 use schemas::sync::{Signals, SyncRecord};
+use schemas::topics::frame;
 use schemas::{Message, Stamp, metadata, topics};
 use slam_math::Se3;
 
 use super::container::{Channel, Event, MessageEvent, Place, scan};
 use super::mocap::{MocapTruth, mocap_truth};
+use super::recording::OwnWords;
+use super::registration::NativeDepth;
 use super::{AttachmentInfo, LogError};
 use crate::eval::{StampedPose, Trajectory};
 
@@ -50,6 +53,8 @@ pub struct Log {
     pub(crate) right_info: Option<CameraInfo>,
     pub(crate) first_color_format: Option<String>,
     pub(crate) categories: BTreeMap<String, Vec<Category>>,
+    pub(crate) native_depth: NativeDepth,
+    pub(crate) own_words: OwnWords,
     ground_truth: Trajectory,
     ground_truth_origin: Option<String>,
     /// Motion capture of a recording.
@@ -85,6 +90,8 @@ impl Log {
             right_info: None,
             first_color_format: None,
             categories: BTreeMap::new(),
+            native_depth: NativeDepth::default(),
+            own_words: OwnWords::default(),
             ground_truth: Trajectory::default(),
             ground_truth_origin: None,
             mocap: Signals::default(),
@@ -162,7 +169,11 @@ impl Log {
     /// A value that is no positive number.
     pub fn depth_units_per_metre(&self) -> Result<f64, LogError> {
         let record = self.metadata.get(metadata::DEPTH);
-        let channel = self.topics.get(topics::DEPTH).map(|topic| &topic.channel.metadata);
+        let channel = self
+            .topics
+            .get(topics::DEPTH)
+            .or_else(|| self.topics.get(topics::DEPTH_NATIVE))
+            .map(|topic| &topic.channel.metadata);
         let text = [record, channel].into_iter().flatten().find_map(|map| map.get(metadata::DEPTH_UNITS_PER_METRE));
         let Some(text) = text else { return Ok(1000.0) };
         let wrong = || LogError::missing(&self.path, format!("depth scale `{text}` is not a positive number"));
@@ -238,11 +249,25 @@ impl Log {
     /// Keeps the contents that are needed before the first frame.
     fn remember(&mut self, message: &MessageEvent<'_>) -> Result<(), String> {
         let data = message.data;
+        self.own_words.take(message)?;
         match message.channel.topic.as_str() {
             topics::COLOR_INFO if self.camera_info.is_none() => self.camera_info = Some(decoded(data)?),
             topics::RIGHT_INFO if self.right_info.is_none() => self.right_info = Some(decoded(data)?),
             topics::COLOR if self.first_color_format.is_none() => {
                 self.first_color_format = Some(decoded::<CompressedImage<'_>>(data)?.format);
+            }
+            topics::COLOR_RAW if self.first_color_format.is_none() => {
+                self.first_color_format = Some(encoding::RGB8.to_owned());
+            }
+            topics::DEPTH_NATIVE_INFO if self.native_depth.info.is_none() => {
+                self.native_depth.info = Some(decoded(data)?);
+            }
+            topics::EXTRINSICS => {
+                let rig: Extrinsics = decoded(data)?;
+                let ours = (rig.header.frame_id.as_str(), rig.child_frame_id.as_str()) == (frame::CAMERA, frame::DEPTH);
+                if ours && self.native_depth.color_from_depth.is_none() {
+                    self.native_depth.color_from_depth = Some(rig);
+                }
             }
             topics::GROUND_TRUTH => self.ground_truth.poses.push(true_pose(data)?),
             topics::MOCAP => self.mocap.take(topics::MOCAP, data).map_err(|error| error.to_string())?,

@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use mcap::records::op;
-use schemas::msg::CompressedImage;
+use schemas::alignment::Aligner;
+use schemas::msg::{CompressedImage, Image, encoding};
 use schemas::{Stamp, topics};
 
 use super::chunk::{MAX_RECORD_BYTES, RECORD_HEADER_BYTES, inner_record, message, read_u64, unpack};
@@ -21,10 +22,34 @@ const CACHE_BYTES: usize = 32 << 20;
 /// A picture file as it stands in the log.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct EncodedImage {
-    /// `png` or `jpeg`, see [`schemas::msg::format`].
+    /// `png` or `jpeg`, see [`schemas::msg::format`]; `rgb8` for raw pixels.
     pub format: String,
     /// The file.
     pub bytes: Vec<u8>,
+}
+
+/// What holds for the pixels of all frames.
+#[derive(Debug, Clone)]
+pub(crate) struct Pixels {
+    /// Depth value of one metre.
+    pub units_per_metre: f64,
+    /// Registers depth to colour, if it is native.
+    pub aligner: Option<Arc<Aligner>>,
+    /// Where the pictures stand: [`topics::COLOR`] or [`topics::COLOR_RAW`].
+    pub color_topic: &'static str,
+}
+
+/// A picture's message as a picture file, or as raw pixels with their encoding as the format.
+fn encoded_image(message: &[u8], raw: bool) -> Result<EncodedImage, String> {
+    if !raw {
+        let picture: CompressedImage<'_> = decoded(message)?;
+        return Ok(EncodedImage { format: picture.format, bytes: picture.data.into_owned() });
+    }
+    let image: Image<'_> = decoded(message)?;
+    if image.encoding != encoding::RGB8 || image.step != image.width * 3 {
+        return Err(format!("{} with {} bytes a row is not rgb8 without padding", image.encoding, image.step));
+    }
+    Ok(EncodedImage { format: image.encoding, bytes: image.data.into_owned() })
 }
 
 /// What the log holds for one frame; [`decode`](super::decode()) turns it into pixels.
@@ -42,6 +67,8 @@ pub struct RawFrame {
     pub right: Option<EncodedImage>,
     /// The paired depth image's message.
     pub(crate) depth: Option<Vec<u8>>,
+    /// Registers it to colour, if it is native.
+    pub(crate) aligner: Option<Arc<Aligner>>,
     /// Class image, instance image and segment table.
     pub(crate) mask: Option<[Vec<u8>; 3]>,
 }
@@ -53,7 +80,7 @@ pub struct FrameStream {
     file: File,
     frames: Arc<[TimelineFrame]>,
     range: Range<usize>,
-    units_per_metre: f64,
+    pixels: Pixels,
     /// Offset of the chunk record and its contents, the most recently used last.
     cache: Vec<(u64, Vec<u8>)>,
 }
@@ -63,34 +90,34 @@ impl FrameStream {
         path: &Path,
         frames: Arc<[TimelineFrame]>,
         range: Range<usize>,
-        units_per_metre: f64,
+        pixels: Pixels,
     ) -> Result<Self, LogError> {
         let file = File::open(path).map_err(|source| LogError::io(path, source))?;
-        Ok(Self { path: path.to_owned(), file, frames, range, units_per_metre, cache: Vec::new() })
+        Ok(Self { path: path.to_owned(), file, frames, range, pixels, cache: Vec::new() })
     }
 
     fn frame(&mut self, index: usize) -> Result<RawFrame, LogError> {
         let frame = self.frames[index];
-        let color = self.picture(topics::COLOR, frame.color)?;
+        let color = self.picture(self.pixels.color_topic, frame.color)?;
         let right = frame.right.map(|entry| self.picture(topics::RIGHT, entry)).transpose()?;
         let depth = frame.depth.map(|entry| self.message(entry)).transpose()?;
         let mask = match frame.mask {
             Some(m) => Some([self.message(m.class)?, self.message(m.instance)?, self.message(m.segments)?]),
             None => None,
         };
-        Ok(RawFrame { index, stamp: frame.stamp, color, right, units_per_metre: self.units_per_metre, depth, mask })
+        let (stamp, Pixels { units_per_metre, aligner, .. }) = (frame.stamp, self.pixels.clone());
+        Ok(RawFrame { index, stamp, color, right, units_per_metre, depth, aligner, mask })
     }
 
     fn picture(&mut self, topic: &str, entry: Entry) -> Result<EncodedImage, LogError> {
         let message = self.message(entry)?;
-        let image = decoded::<CompressedImage<'_>>(&message).map_err(|reason| LogError::Message {
+        encoded_image(&message, topic == topics::COLOR_RAW).map_err(|reason| LogError::Message {
             path: self.path.clone(),
             topic: topic.to_owned(),
             sequence: entry.sequence,
             stamp: entry.stamp,
             reason,
-        })?;
-        Ok(EncodedImage { format: image.format, bytes: image.data.into_owned() })
+        })
     }
 
     /// A message's bytes, from the chunk or straight from the file.

@@ -4,9 +4,11 @@ use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use schemas::alignment::Aligner;
 use schemas::{Stamp, metadata, pairing, topics};
 
 use super::open::Entry;
+use super::stream::Pixels;
 use super::{FrameStream, Log, LogError};
 
 /// One frame's place on the timeline.
@@ -87,6 +89,10 @@ pub struct Timeline {
     pub unpaired_depth: usize,
     /// Right pictures that belong to no left one.
     pub unpaired_right: usize,
+    /// Registers depth to colour, if it is native.
+    aligner: Option<Arc<Aligner>>,
+    /// Where the pictures stand.
+    color_topic: &'static str,
     frames: Arc<[TimelineFrame]>,
 }
 
@@ -114,7 +120,10 @@ impl Timeline {
     /// The file cannot be opened again.
     pub fn stream(&self, range: Range<usize>) -> Result<FrameStream, LogError> {
         let end = range.end.min(self.frames.len());
-        FrameStream::new(&self.path, Arc::clone(&self.frames), range.start.min(end)..end, self.units_per_metre)
+        let range = range.start.min(end)..end;
+        let pixels =
+            Pixels { units_per_metre: self.units_per_metre, aligner: self.aligner.clone(), raw_color: self.raw_color };
+        FrameStream::new(&self.path, Arc::clone(&self.frames), range, pixels)
     }
 }
 
@@ -125,14 +134,15 @@ impl Log {
     /// # Errors
     /// No colour pictures, a layer that is not in the log, or an unreadable depth scale or tolerance.
     pub fn timeline(&self, layer: Option<&str>) -> Result<Timeline, LogError> {
-        let colors = self.sorted(topics::COLOR);
+        let colors = self.colors();
         if colors.is_empty() {
             let there: Vec<&str> = self.topics.keys().map(String::as_str).collect();
             let what = format!("no pictures on {}; the topics are: {}", topics::COLOR, there.join(", "));
             return Err(LogError::missing(&self.path, what));
         }
         let tolerance_ns = self.pairing_tolerance_ns()?;
-        let depths = Partners::find(&colors, &self.sorted(topics::DEPTH), tolerance_ns);
+        let (depths, aligner) = self.depths()?;
+        let depths = Partners::find(&colors, &depths, tolerance_ns);
         let rights = Partners::find(&colors, &self.sorted(topics::RIGHT), tolerance_ns);
         let masks = layer.map(|layer| self.masks(layer)).transpose()?.unwrap_or_default();
         let frame = |(i, color): (usize, &Entry)| {
@@ -146,8 +156,16 @@ impl Log {
             unpaired_color: depths.missing(),
             unpaired_depth: depths.left_over,
             unpaired_right: rights.left_over,
+            aligner,
+            color_topic: if self.sorted(topics::COLOR).is_empty() { topics::COLOR_RAW } else { topics::COLOR },
             frames: colors.iter().enumerate().map(frame).collect(),
         })
+    }
+
+    /// Colour pictures in stamp order: compressed ones if there are any, else the raw ones of a live recording.
+    pub(crate) fn colors(&self) -> Vec<Entry> {
+        let colors = self.sorted(topics::COLOR);
+        if colors.is_empty() { self.sorted(topics::COLOR_RAW) } else { colors }
     }
 
     /// A topic's messages in stamp order; equal stamps in file order.

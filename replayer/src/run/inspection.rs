@@ -11,7 +11,7 @@ pub const INSPECTION_RRD: &str = "replay.rrd";
 #[cfg(feature = "rerun")]
 mod enabled {
     use schemas::metadata;
-    use schemas::msg::format;
+    use schemas::msg::{encoding, format};
 
     use crate::eval::Trajectory;
     use crate::inspect::{ColorPicture, ImageCodec, Inspector};
@@ -36,9 +36,14 @@ mod enabled {
 
         pub fn frame(&mut self, stepped: &Stepped<'_>) -> Result<(), RunError> {
             let Some(inspector) = &mut self.0 else { return Ok(()) };
-            let color = stepped.prepared.color.as_ref().map(|color| {
-                let codec = if color.format == format::PNG { ImageCodec::Png } else { ImageCodec::Jpeg };
-                ColorPicture { bytes: &color.bytes, codec }
+            let color = stepped.prepared.color.as_ref().and_then(|color| {
+                // Raw pixels are shown in grey, as the SLAM sees them.
+                let codec = match color.format.as_str() {
+                    format::PNG => ImageCodec::Png,
+                    encoding::RGB8 => return None,
+                    _ => ImageCodec::Jpeg,
+                };
+                Some(ColorPicture { bytes: &color.bytes, codec })
             });
             Ok(inspector.frame(&stepped.prepared.input, color, stepped.report, stepped.slam.map())?)
         }

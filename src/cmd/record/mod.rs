@@ -1,6 +1,7 @@
 //! `pslam record`.
 
 mod camera;
+mod mocap;
 mod quantity;
 mod screen;
 mod synthetic;
@@ -8,6 +9,7 @@ mod synthetic;
 use crate::progress::Progress;
 use crate::{Outcome, Usage};
 use camera::CameraArgs;
+use mocap::MocapArgs;
 use quantity::{bytes, seconds};
 use recorder::capture::{Allowed, Limits, RecordOptions, Source, SystemClock, Verdict, record};
 use screen::Screen;
@@ -26,6 +28,8 @@ pub struct Record {
     out: PathBuf,
     #[command(flatten)]
     camera: CameraArgs,
+    #[command(flatten)]
+    mocap: MocapArgs,
     /// End after so long, as 90, 90s, 5m, 1h; default: at Ctrl-C.
     #[arg(long, value_name = "TIME", value_parser = seconds)]
     duration: Option<Duration>,
@@ -52,9 +56,10 @@ impl Record {
             return Err(Usage("--flush-interval below 20 ms writes more overhead than data".to_owned()).into());
         }
         let stop = stop_signals()?;
-        let sources: Vec<Box<dyn Source>> = self.camera.source(progress)?.into_iter().collect();
+        let camera = self.camera.source(progress)?;
+        let sources: Vec<Box<dyn Source>> = camera.into_iter().chain(self.mocap.source()).collect();
         if sources.is_empty() {
-            return Err(Usage("there is nothing to record".to_owned()).into());
+            return Err(Usage("there is nothing to record: neither a camera nor motion capture".to_owned()).into());
         }
         let options = self.options();
         let mut screen = Screen::new(self.json, progress);
@@ -76,7 +81,7 @@ impl Record {
             allowed: Allowed { missing_metadata: self.camera.allow_missing_metadata },
             limits: Limits::default(),
             program: concat!("pslam ", env!("CARGO_PKG_VERSION")).to_owned(),
-            asked: self.camera.asked(),
+            asked: self.camera.asked().into_iter().chain(self.mocap.asked()).collect(),
         }
     }
 }
