@@ -7,6 +7,7 @@ mod dark;
 mod data;
 mod determinism;
 mod layers;
+mod record;
 mod repo_lint;
 mod sim;
 mod suite;

@@ -108,7 +108,7 @@ impl Log {
         }
         let record = self.metadata.get(metadata::SYNC).map(SyncRecord::from_metadata).transpose();
         let record = record.map_err(|reason| LogError::missing(&self.path, reason))?;
-        let pictures: Vec<Stamp> = self.sorted(topics::COLOR).iter().map(|entry| entry.stamp).collect();
+        let pictures: Vec<Stamp> = self.colors().iter().map(|entry| entry.stamp).collect();
         if let Some(MocapTruth { trajectory, origin }) = mocap_truth(&signals, record.as_ref(), &pictures) {
             (self.ground_truth, self.ground_truth_origin) = (trajectory, Some(origin));
         }

@@ -121,8 +121,11 @@ impl Timeline {
     pub fn stream(&self, range: Range<usize>) -> Result<FrameStream, LogError> {
         let end = range.end.min(self.frames.len());
         let range = range.start.min(end)..end;
-        let pixels =
-            Pixels { units_per_metre: self.units_per_metre, aligner: self.aligner.clone(), raw_color: self.raw_color };
+        let pixels = Pixels {
+            units_per_metre: self.units_per_metre,
+            aligner: self.aligner.clone(),
+            color_topic: self.color_topic,
+        };
         FrameStream::new(&self.path, Arc::clone(&self.frames), range, pixels)
     }
 }

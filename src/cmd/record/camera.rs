@@ -131,7 +131,7 @@ impl CameraArgs {
             }
         };
         let args = self.clone();
-        let mut open = move || args.open(&context, serial.as_deref());
+        let open = move || args.open(&context, serial.as_deref());
         let (camera, setup, findings) = open()?;
         self.judge(&findings)?;
         let again = move || open().map(|(camera, setup, _)| (camera, setup));
