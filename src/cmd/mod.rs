@@ -29,10 +29,9 @@ use crate::progress::Progress;
 pub enum Command {
     /// Show what could be recorded.
     Devices(devices::Devices),
-    /// Turn a data set folder or a vendor's recording into a log.
     /// Record sensors into a log; exit code 1 if anything is lost.
     Record(Box<record::Record>),
-    /// Turn a data set folder into a log.
+    /// Turn a data set folder or a vendor's recording into a log.
     #[command(subcommand)]
     Import(import::Source),
     /// Show what is in a log.
