@@ -7,7 +7,7 @@ pub type Descriptor = [u64; 4];
 
 /// Number of bits that differ, 0 to 256.
 ///
-/// Free of branches, so it inlines into any loop; for a list of candidates [`hamming_many`], [`hamming_at`] and
+/// Free of branches, so it inlines into any loop; for a list of candidates [`hamming_many`] and
 /// [`nearest_two`] are faster, because they ask once what the CPU offers.
 #[inline]
 #[must_use]
@@ -32,15 +32,6 @@ pub fn hamming_many(query: &Descriptor, descriptors: &[Descriptor], distances: &
     distances.clear();
     distances.resize(descriptors.len(), 0);
     Kernels::detect().hamming_many(query, descriptors, distances);
-}
-
-/// Replaces `distances` by the distance of `query` to `descriptors[i]` for every `i` of `indices`, in that order.
-///
-/// Panics when an index is out of range.
-pub fn hamming_at(query: &Descriptor, descriptors: &[Descriptor], indices: &[u32], distances: &mut Vec<u32>) {
-    distances.clear();
-    distances.resize(indices.len(), 0);
-    Kernels::detect().hamming_at(query, descriptors, indices, distances);
 }
 
 /// A descriptor of a list and its distance to the one that was asked for.

@@ -7,7 +7,7 @@
 //! * [`OrbExtractor`]: corners over an image pyramid with a direction and a 256-bit descriptor.
 //! * [`Camera`]: projection, lens distortion and its inverse.
 //! * [`KeypointGrid`]: which keypoints lie near a pixel.
-//! * [`hamming`], [`hamming_many`], [`hamming_at`], [`nearest_two`]: distance between descriptors.
+//! * [`hamming`], [`hamming_many`], [`nearest_two`]: distance between descriptors.
 //! * [`PlaceIndex`]: which keyframes show the same place.
 //!
 //! ```
@@ -33,7 +33,7 @@ mod rectify;
 mod stereo;
 
 pub use camera::{Bounds, Camera, Distortion};
-pub use descriptor::{Descriptor, Nearest, hamming, hamming_at, hamming_many, nearest_two};
+pub use descriptor::{Descriptor, Nearest, hamming, hamming_many, nearest_two};
 pub use error::VisionError;
 pub use grid::KeypointGrid;
 pub use image::{GrayImage, Image, gray_from_rgb};

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use proptest::prelude::*;
 use slam_math::Rng;
 use slam_vision::{
-    Bounds, Camera, Descriptor, Distortion, KeypointGrid, PlaceIndex, VisionError, gray_from_rgb, hamming, hamming_at,
+    Bounds, Camera, Descriptor, Distortion, KeypointGrid, PlaceIndex, VisionError, gray_from_rgb, hamming,
     hamming_many, nearest_two,
 };
 
@@ -134,9 +134,6 @@ proptest! {
         hamming_many(&a, &others, &mut many);
         prop_assert_eq!(&many, &expected);
         let indices: Vec<u32> = (0..others.len() as u32).rev().collect();
-        hamming_at(&a, &others, &indices, &mut many);
-        many.reverse();
-        prop_assert_eq!(&many, &expected);
         let mut ranked: Vec<_> = indices.iter().map(|&i| (expected[i as usize], i)).collect();
         ranked.sort_unstable();
         ranked.resize(2.max(ranked.len()), (u32::MAX, u32::MAX));

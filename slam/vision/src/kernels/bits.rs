@@ -10,13 +10,6 @@ pub(super) fn hamming_many(query: &Descriptor, descriptors: &[Descriptor], dista
 }
 
 #[inline(always)]
-pub(super) fn hamming_at(query: &Descriptor, descriptors: &[Descriptor], indices: &[u32], distances: &mut [u32]) {
-    for (distance, &index) in distances.iter_mut().zip(indices) {
-        *distance = hamming(query, &descriptors[index as usize]);
-    }
-}
-
-#[inline(always)]
 pub(super) fn nearest_two(query: &Descriptor, descriptors: &[Descriptor], indices: &[u32]) -> [Nearest; 2] {
     // Distance and index in one number, so that the pair is ordered by one comparison and without a branch.
     let (mut first, mut second) = (u64::MAX, u64::MAX);

@@ -80,9 +80,6 @@ dispatch! {
         = patch::describe;
     /// Distances of one descriptor to many.
     fn hamming_many(query: &Descriptor, descriptors: &[Descriptor], distances: &mut [u32]) = bits::hamming_many;
-    /// Distances of one descriptor to some of many.
-    fn hamming_at(query: &Descriptor, descriptors: &[Descriptor], indices: &[u32], distances: &mut [u32])
-        = bits::hamming_at;
     /// The two descriptors nearest to one, among some of many.
     fn nearest_two(query: &Descriptor, descriptors: &[Descriptor], indices: &[u32]) -> [Nearest; 2]
         = bits::nearest_two;
