@@ -1,7 +1,7 @@
 //! Threads that prepare frames and run the slam's background jobs. Who does what, and when, decides nothing but the
 //! time it takes: frames are handed out in order, and the slam says when a job's result is applied.
 //!
-//! One queue for all: jobs first, then frames in order. Whoever waits, works: the tracking thread too takes from the
+//! One queue for all, the most urgent first: local mapping, then frames in order, then jobs that have more time. Whoever waits, works: the tracking thread too takes from the
 //! queue while what it needs is not there. With one thread there is nobody else, and everything happens on it.
 
 use std::collections::{BTreeMap, VecDeque};
@@ -54,11 +54,21 @@ impl fmt::Debug for Unrest {
 /// The queue, and what came out of it. An answer is `None` when the thread that worked on it has failed.
 #[derive(Default)]
 struct Queue<'a> {
-    jobs: VecDeque<(Ticket, Job)>,
+    /// In the order of urgency.
+    jobs: BTreeMap<(JobKind, Ticket), Job>,
     frames: VecDeque<(usize, FrameTask<'a>)>,
     results: BTreeMap<Ticket, Option<(JobResult, JobTime)>>,
     prepared: BTreeMap<usize, Option<Result<Prepared, RunError>>>,
     closed: bool,
+}
+
+impl Queue<'_> {
+    /// A job to do before any frame.
+    fn next_job(&mut self) -> Option<(Ticket, Job)> {
+        let first = self.jobs.first_entry()?;
+        let (kind, ticket) = *first.key();
+        (kind == JobKind::Mapping || self.frames.is_empty()).then(|| (ticket, first.remove()))
+    }
 }
 
 /// How long a job took.
@@ -84,7 +94,7 @@ impl<'a> Shop<'a> {
             if let Some(found) = found(&mut queue) {
                 return found;
             }
-            if let Some((ticket, job)) = queue.jobs.pop_front() {
+            if let Some((ticket, job)) = queue.next_job() {
                 drop(queue);
                 self.run_job(ticket, job);
             } else if let Some((index, task)) = queue.frames.pop_front() {
@@ -195,7 +205,7 @@ impl Foreman<'_, '_> {
 
 impl Executor for Foreman<'_, '_> {
     fn submit(&mut self, ticket: Ticket, job: Job) -> Option<JobResult> {
-        self.shop.lock().jobs.push_back((ticket, job));
+        self.shop.lock().jobs.insert((job.kind(), ticket), job);
         self.shop.changed.notify_all();
         None
     }
