@@ -25,7 +25,7 @@ pub fn write_log(
     name: &str,
     path: &Path,
     force: bool,
-    edit: &mut dyn FnMut(&mut fixtures::RenderedFrame),
+    edit: &mut dyn FnMut(&mut RenderedFrame),
     progress: &mut dyn FnMut(usize, usize),
 ) -> Result<u64, WriteError> {
     let options = LogOptions { force, ..LogOptions::default() };
@@ -70,7 +70,7 @@ fn spec(world: &World, name: &str) -> Result<RgbdSpec, WriteError> {
 fn write_frames(
     log: &mut RgbdLog,
     world: &World,
-    edit: &mut dyn FnMut(&mut fixtures::RenderedFrame),
+    edit: &mut dyn FnMut(&mut RenderedFrame),
     progress: &mut dyn FnMut(usize, usize),
 ) -> Result<(), WriteError> {
     let mocap = &world.config().mocap_noise;
