@@ -47,6 +47,10 @@ macro_rules! sections {
     )*};
 }
 
+mod sensors;
+
+pub use sensors::{MonocularConfig, SensorChoice, SensorConfig, StereoConfig};
+
 sections! {
     /// The whole configuration, a section a stage.
     Config {
@@ -88,68 +92,6 @@ sections! {
         fast_threshold: u8,
         /// FAST threshold where the first one finds nothing.
         fast_threshold_min: u8,
-    }
-
-    /// The sensor, and the depth image.
-    SensorConfig {
-        /// What to use of what a log holds; read by whoever opens the log.
-        kind: SensorChoice,
-        /// Virtual baseline times focal length, pixels x metres.
-        bf: f64,
-        /// Depth up to which a single view fixes a point, in virtual baselines.
-        close_baselines: f64,
-        /// Constant part of the depth noise, metres.
-        sigma_base_m: f64,
-        /// Quadratic part of the depth noise, 1/metres.
-        sigma_quadratic: f64,
-        /// Nearest trusted depth, metres.
-        min_depth_m: f64,
-        /// Farthest trusted depth, metres.
-        max_depth_m: f64,
-        /// Side of the window read at a keypoint, pixels, odd.
-        depth_window_px: u32,
-        /// Share of the depth that a slanted surface may change within the window.
-        depth_step_share: f64,
-    }
-
-    /// Depth from two rectified pictures.
-    StereoConfig {
-        /// Hamming distance of a match along a row.
-        hamming: u32,
-        /// How far the rows of a match may differ on level 0, pixels.
-        row_px: f64,
-        /// Half side of the window that is compared for the last fraction of a pixel.
-        window_px: u32,
-        /// How far that window slides to either side, pixels.
-        slide_px: u32,
-        /// Matches whose windows differ by more than this times the median are dropped.
-        outlier_factor: f64,
-        /// Standard deviation of a disparity on level 0, pixels.
-        sigma_px: f64,
-    }
-
-    /// The start of a map without depth.
-    MonocularConfig {
-        /// Usable keypoints that both views must have, and matches between them.
-        min_matches: u32,
-        /// Search radius between the two views, pixels.
-        search_px: f64,
-        /// Best over second best distance.
-        ratio: f64,
-        /// RANSAC draws.
-        iterations: usize,
-        /// Standard deviation of a keypoint in the two-view geometry, pixels.
-        sigma_px: f64,
-        /// Angle between the rays that a good share of the points must have, degrees.
-        min_parallax_deg: f64,
-        /// Points that the first map must have.
-        min_points: u32,
-        /// Camera motion over median depth below which two keyframes make no points.
-        min_baseline_share: f64,
-        /// Weight (observations) that a young point needs.
-        min_weight: u32,
-        /// Neighbours for triangulation.
-        neighbours: usize,
     }
 
     /// Frame to map tracking.
@@ -375,20 +317,6 @@ sections! {
     }
 }
 
-/// What to use of what a log holds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum SensorChoice {
-    /// Depth images if there are any, else a second picture if there is one, else one picture.
-    Auto,
-    /// Depth images.
-    Rgbd,
-    /// Two pictures.
-    Stereo,
-    /// One picture.
-    Monocular,
-}
-
 /// How motion is judged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -513,14 +441,6 @@ impl Config {
     }
 }
 
-impl SensorConfig {
-    /// Standard deviation of a depth measurement, metres.
-    #[must_use]
-    pub fn depth_sigma(&self, depth_m: f64) -> f64 {
-        self.sigma_base_m + self.sigma_quadratic * depth_m * depth_m
-    }
-}
-
 impl OrbSection {
     /// The extractor's configuration.
     #[must_use]
@@ -548,41 +468,4 @@ fn merge(base: &mut toml::Table, overlay: toml::Table) {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_documented_defaults_are_valid_and_complete() {
-        let config = Config::from_toml("").unwrap();
-        assert_eq!(config, Config::from_toml(&config.to_toml()).unwrap());
-    }
-
-    #[test]
-    fn every_key_is_documented() {
-        let mut documented = false;
-        for line in DEFAULT_TOML.lines() {
-            let is_key = line.contains('=') && !line.starts_with('#');
-            assert!(!is_key || documented, "no comment above: {line}");
-            documented = line.starts_with('#');
-        }
-    }
-
-    #[test]
-    fn unknown_keys_and_bad_values_are_refused() {
-        assert!(Config::from_toml("[tracking]\nmin_inlier = 3").is_err());
-        assert!(Config::from_toml("[sensor]\nbf = -1.0").unwrap_err().to_string().contains("sensor.bf"));
-        assert!(Config::from_toml("[sensor]\nbf = nan").is_err());
-        assert!(Config::preset("everything").unwrap_err().to_string().contains("people+things"));
-    }
-
-    #[test]
-    fn presets_differ_only_in_the_filter() {
-        let full = Config::default();
-        for name in PRESETS {
-            let mut preset = Config::preset(name).unwrap();
-            preset.panoptic = full.panoptic.clone();
-            assert_eq!(preset, full);
-        }
-        assert_eq!(Config::preset("full").unwrap(), full);
-    }
-}
+mod tests;

@@ -95,7 +95,7 @@ fn pictures(width: u32, height: u32) -> Container {
     ];
     let small = vec![
         view("segmentation", &["+ $origin/segmentation"]),
-        view("depth", &["- $origin/color", "+ $origin/depth"]),
+        view("depth, or right picture", &["- $origin/color", "+ $origin/depth", "+ $origin/right"]),
         view("segment tracks", &["+ $origin/regions/**"]),
         view("unknown area", &["+ $origin/unknown"]),
     ];

@@ -40,6 +40,11 @@ pub fn log_inputs(
     };
     let picture = EncodedImage { bytes, codec, opacity: Some(1.0), draw_order: Some(0.0) };
     file.log("/world/camera/color", at, &picture)?;
+    if let Some(right) = &input.right {
+        let bytes = png("right picture", &right.data, [right.width, right.height], ExtendedColorType::L8)?;
+        let picture = EncodedImage { bytes: &bytes, codec: ImageCodec::Png, opacity: Some(1.0), draw_order: Some(0.0) };
+        file.log("/world/camera/right", at, &picture)?;
+    }
     if let Some(depth) = &input.depth {
         log_depth(file, at, depth)?;
     }
