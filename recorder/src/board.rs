@@ -207,7 +207,7 @@ impl Board {
         let start = text.len();
         let _ = write!(text, "xref\n0 {}\n0000000000 65535 f \n", objects.len() + 1);
         offsets.iter().for_each(|offset| {
-            let _ = write!(text, "{offset:010} 00000 n \n");
+            let _ = writeln!(text, "{offset:010} 00000 n ");
         });
         let _ = write!(text, "trailer << /Size {} /Root 1 0 R >>\nstartxref\n{start}\n%%EOF\n", objects.len() + 1);
         Ok(text.into_bytes())

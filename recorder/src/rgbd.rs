@@ -54,6 +54,7 @@ impl RgbdSpec {
 
 /// What a camera has beside its pictures.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "there is one a log")]
 pub enum Beside {
     /// Depth images.
     Depth,

@@ -88,6 +88,7 @@ impl StereoModel {
 
     /// True when both pictures are rectified as they are recorded.
     #[must_use]
+    #[expect(clippy::float_cmp_const, reason = "a rotation by nothing is written as exactly that")]
     pub fn is_rectified(&self) -> bool {
         let plain = |camera: &CameraModel, rotation: &Matrix| *camera == self.rectified && *rotation == IDENTITY;
         plain(&self.left, &self.rectified_from_left) && plain(&self.right, &self.rectified_from_right)
@@ -265,6 +266,7 @@ mod tests {
     }
 
     /// The calibration of the EuRoC MAV dataset (`sensor.yaml` of both cameras) and `right_from_left` made from it.
+    #[expect(clippy::excessive_precision, reason = "as another program printed it")]
     fn pair() -> (CameraModel, CameraModel, Matrix, [f64; 3]) {
         let left = euroc([458.654, 457.296, 367.215, 248.375], [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05]);
         let right =

@@ -117,7 +117,7 @@ impl Scribe<'_> {
             match self.shared.outbox.pop(Duration::from_nanos(left_ns.unsigned_abs())) {
                 Taken::Closed => return Ok(()),
                 Taken::Nothing => {}
-                Taken::Item(item) => self.write(log, item, bytes, &mut pending)?,
+                Taken::Item(item) => self.write(log, &item, bytes, &mut pending)?,
             }
             if log.is_disk_full() && !self.shared.is_stopping() {
                 self.shared.end(EndedBy::DiskFull);
@@ -125,13 +125,13 @@ impl Scribe<'_> {
         }
     }
 
-    fn write(&self, log: &mut LogWriter, item: Item, bytes: u64, pending: &mut Vec<i64>) -> Result<(), WriteError> {
-        let messages = match &item {
+    fn write(&self, log: &mut LogWriter, item: &Item, bytes: u64, pending: &mut Vec<i64>) -> Result<(), WriteError> {
+        let messages = match item {
             Item::Metadata { name, values } => return log.metadata(name, values.clone()),
             Item::Messages(messages) | Item::Measured { messages, .. } => messages,
         };
         if let Err(error) = append(log, messages) {
-            self.shared.unwritten(&item);
+            self.shared.unwritten(item);
             return Err(error);
         }
         if log.bytes() != bytes {
@@ -139,8 +139,8 @@ impl Scribe<'_> {
             self.settle(log, pending);
         }
         if let Item::Measured { stream, arrival_ns, .. } = item {
-            pending.push(arrival_ns);
-            self.shared.book().ledger.written(stream);
+            pending.push(*arrival_ns);
+            self.shared.book().ledger.written(*stream);
         }
         Ok(())
     }

@@ -81,7 +81,7 @@ impl Source {
         match self.rig.sensor {
             Sensor::Rgbd if depth.is_none() => warn("no depth image within the pairing tolerance".to_owned()),
             Sensor::Stereo { .. } if right.is_none() => {
-                warn("no right picture within the pairing tolerance".to_owned())
+                warn("no right picture within the pairing tolerance".to_owned());
             }
             _ => {}
         }
