@@ -89,7 +89,7 @@ fn judge() -> Result<()> {
     };
     let (config, truth) = (Config::preset(preset)?, Truth::open(Path::new(masks))?);
     let mut tally = Tally::default();
-    steps::for_each_report(Path::new(log), &config, &mut |report, size| tally.frame(report, &truth, size))?;
+    steps::for_each_report(Path::new(log), &config, &mut |report, _, _, size| tally.frame(report, &truth, size))?;
     let summary = tally.finish();
     if json {
         println!("{}", serde_json::to_string_pretty(&summary)?);

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use replayer::log::{DecodedFrame, Log, MaskPixels, decode};
 use schemas::calibration::Distortion as Lens;
+use slam::observation::Observation;
 use slam::{
     Category, Config, DepthImage, FrameInput, FrameReport, Inline, PanopticMask, Segment, Sensor, Setup, Slam,
     Unobserved,
@@ -14,8 +15,8 @@ use slam_vision::{Camera, Distortion, Workspace, gray_from_rgb};
 
 use super::Result;
 
-/// Takes a frame's report and the picture's width and height in pixels.
-pub type Each<'a> = &'a mut dyn FnMut(&FrameReport, (u32, u32)) -> Result<()>;
+/// Takes a frame's report, the frame, its features, and the picture's width and height in pixels.
+pub type Each<'a> = &'a mut dyn FnMut(&FrameReport, &FrameInput, &Observation, (u32, u32)) -> Result<()>;
 
 /// Replays the log with its default segmentation layer and shows every frame to `each`.
 pub fn for_each_report(log: &Path, config: &Config, each: Each<'_>) -> Result<()> {
@@ -35,9 +36,10 @@ pub fn for_each_report(log: &Path, config: &Config, each: Each<'_>) -> Result<()
     for raw in timeline.stream(0..timeline.frames().len())? {
         let frame = decode(&raw?, &model)?;
         let (stamp, input) = (frame.stamp, input(frame)?);
-        let observation = slam.front_end().observe(&input, &mut workspace)?;
-        let report = slam.step(&input, Arc::new(observation), &mut Inline, &mut Unobserved)?;
-        each(&report, size).map_err(|error| format!("picture {} at {stamp} s: {error}", report.id))?;
+        let observation = Arc::new(slam.front_end().observe(&input, &mut workspace)?);
+        let report = slam.step(&input, observation.clone(), &mut Inline, &mut Unobserved)?;
+        each(&report, &input, &observation, size)
+            .map_err(|error| format!("picture {} at {stamp} s: {error}", report.id))?;
     }
     Ok(())
 }

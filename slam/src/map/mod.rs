@@ -69,6 +69,12 @@ impl Map {
         self.point(id).map(|_| id)
     }
 
+    /// Whether a keypoint of a live keyframe shows a point of the map: one that is static as far as is known.
+    #[must_use]
+    pub fn has_point(&self, keyframe: KeyFrameId, keypoint: u32) -> bool {
+        self.keyframe(keyframe).and_then(|k| k.points.get(keypoint as usize)).is_some_and(Option::is_some)
+    }
+
     /// Live keyframes, oldest first.
     pub fn keyframes(&self) -> impl DoubleEndedIterator<Item = &KeyFrame> {
         self.keyframes.iter().map(|(_, k)| k)

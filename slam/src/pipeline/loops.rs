@@ -42,7 +42,8 @@ impl Slam {
         let keyframe = self.map.keyframe(id)?;
         let usable = (0..keyframe.obs.len()).filter(|i| keyframe.usable[*i]);
         let descriptors: Vec<_> = usable.map(|i| keyframe.obs.descriptor[i]).collect();
-        let votes = self.places.query(&descriptors, usize::MAX);
+        let votes =
+            self.places.query(&descriptors, usize::MAX, |id, keypoint| self.map.has_point(KeyFrameId(id), keypoint));
         let candidates = find_candidates(self.context(), &self.map, keyframe, &votes);
         let nothing = candidates.own.is_empty() && candidates.others.is_empty() && self.loops.is_idle();
         (!nothing).then(|| Task::Loop { keyframe: id, candidates, state: std::mem::take(&mut self.loops) })

@@ -86,7 +86,7 @@ impl Step<'_> {
     pub(super) fn remember_place(&mut self, id: KeyFrameId) {
         let Some(keyframe) = self.slam.map.keyframe(id) else { return };
         let usable = (0..keyframe.obs.len()).filter(|i| keyframe.usable[*i]);
-        let descriptors: Vec<_> = usable.map(|i| keyframe.obs.descriptor[i]).collect();
-        self.slam.places.add(id.0, &descriptors);
+        let keypoints: Vec<_> = usable.map(|i| (i as u32, keyframe.obs.descriptor[i])).collect();
+        self.slam.places.add(id.0, &keypoints);
     }
 }

@@ -42,7 +42,7 @@ pub fn relocalize(
         return None;
     }
     // More are asked for than tried: some are of other parts of the atlas.
-    let found = places.query(&descriptors, r.candidates * 4);
+    let found = places.query(&descriptors, r.candidates * 4, |id, keypoint| map.has_point(KeyFrameId(id), keypoint));
     let candidates = found.iter().filter_map(|(id, _)| map.keyframe(KeyFrameId(*id))).filter(|k| eligible(k));
     for keyframe in candidates.take(r.candidates) {
         if let Some(inliers) = try_keyframe(ctx, map, keyframe, frame) {

@@ -2,15 +2,18 @@
 //! a depth camera with a systematic error says about them.
 
 use std::f64::consts::FRAC_PI_2;
+use std::ops::Range;
 use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3};
 use slam::observation::Observation;
-use slam::{Config, Inline, Slam, Unobserved};
+use slam::report::StageRecord;
+use slam::{Config, Executor, FrameInput, Inline, PanopticMask, Slam, Unobserved};
 use slam_math::{Rng, Se3, float};
 use slam_vision::{Descriptor, KeypointGrid};
 
-use crate::support::{blank, camera, descriptor, setup};
+use crate::scene::WALL;
+use crate::support::{HEIGHT, WIDTH, blank, camera, descriptor, mask, setup};
 
 /// Sides of the rectangle on which the corridor's middle runs, and the radius of its corners, metres: 60 m round.
 const SIDES_M: [f64; 2] = [15.716, 8.0];
@@ -22,6 +25,9 @@ const SPACING_M: f64 = 0.008;
 const SIGHT_M: f64 = 5.0;
 /// Keypoints of a picture at most.
 const KEYPOINTS: usize = 450;
+
+/// Where the companion is in the picture: left, top, right, bottom, pixels.
+const COMPANION: [f64; 4] = [100.0, 30.0, 220.0, 210.0];
 
 /// What is wrong with the sensor.
 #[derive(Debug, Clone, Copy)]
@@ -65,6 +71,9 @@ pub fn world_from_camera(s: f64) -> Se3 {
 pub struct Corridor {
     landmarks: Vec<(f64, Vector3<f64>)>,
     errors: Errors,
+    /// Somebody who walks ahead of the camera and always looks the same, while the way is in one of these ranges, and the
+    /// category that the segmentation gives to them.
+    pub companion: Option<(Vec<Range<f64>>, u16)>,
 }
 
 impl Corridor {
@@ -78,7 +87,7 @@ impl Corridor {
             let (nx, ny) = (-float::sin(heading), float::cos(heading));
             (s, Vector3::new(x + side * nx, y + side * ny, 2.4 * rng.uniform() - 1.2))
         };
-        Self { landmarks: (0..count).map(landmark).collect(), errors }
+        Self { landmarks: (0..count).map(landmark).collect(), errors, companion: None }
     }
 
     /// What the camera sees after a way of `s` metres, as frame `id`.
@@ -86,6 +95,20 @@ impl Corridor {
         let camera_from_world = world_from_camera(s).inverse();
         let bounds = camera().undistorted_bounds();
         let (mut pixels, mut octaves, mut depths, mut descriptors) = (vec![], vec![], vec![], vec![]);
+        let mut labels = vec![];
+        let hidden = |[u, v]: [f64; 2]| {
+            self.company(s).is_some()
+                && (COMPANION[0]..COMPANION[2]).contains(&u)
+                && (COMPANION[1]..COMPANION[3]).contains(&v)
+        };
+        for i in (0..if self.company(s).is_some() { 160 } else { 0 }).map(f64::from) {
+            let [column, row] = [(i / 16.0).floor(), i - (i / 16.0).floor() * 16.0];
+            pixels.push([COMPANION[0] + 6.0 + 11.0 * column, COMPANION[1] + 5.0 + 11.0 * row]);
+            octaves.push(4);
+            depths.push(1.5);
+            descriptors.push(descriptor(30, i as u32));
+            labels.push(1);
+        }
         for (index, (way, point)) in (0u32..).zip(&self.landmarks) {
             let ahead = way - s;
             let ahead = ahead - (ahead / ROUND_M).floor() * ROUND_M;
@@ -96,10 +119,11 @@ impl Corridor {
             let mut rng = Rng::at(12, id, 0, index);
             let Some([u, v]) = camera().project(p) else { continue };
             let pixel = [u + rng.normal() * self.errors.pixel_px, v + rng.normal() * self.errors.pixel_px];
-            if pixel[0] < 4.0 || pixel[1] < 4.0 || pixel[0] > 315.0 || pixel[1] > 235.0 {
+            if hidden(pixel) || pixel[0] < 4.0 || pixel[1] < 4.0 || pixel[0] > 315.0 || pixel[1] > 235.0 {
                 continue;
             }
             pixels.push(pixel);
+            labels.push(100);
             octaves.push((float::ln(SIGHT_M / p[2]) / float::ln(1.2)).clamp(0.0, 7.0) as u8);
             depths.push(p[2] * (1.0 + rng.normal() * self.errors.depth_share));
             descriptors.push(blurred(descriptor(20, index), &mut rng, self.errors.bits));
@@ -113,21 +137,44 @@ impl Corridor {
             angle: vec![0.0; n],
             descriptor: descriptors,
             depth_m: depths,
-            label: vec![0; n],
+            label: labels,
         }
+    }
+
+    /// The category of the companion while they are there.
+    fn company(&self, s: f64) -> Option<u16> {
+        let (ranges, category) = self.companion.as_ref()?;
+        ranges.iter().any(|range| range.contains(&s)).then_some(*category)
+    }
+
+    /// The frame without its features: the segmentation alone.
+    fn input(&self, id: u32, s: f64) -> FrameInput {
+        let Some(category) = self.company(s) else { return FrameInput { panoptic: Some(wall()), ..blank(id, 0) } };
+        let inside = |i: usize| {
+            let (x, y) = ((i % WIDTH) as f64, (i / WIDTH) as f64);
+            (COMPANION[0]..COMPANION[2]).contains(&x) && (COMPANION[1]..COMPANION[3]).contains(&y)
+        };
+        let ids = (0..WIDTH * HEIGHT).map(|i| if inside(i) { 1 } else { 100 }).collect();
+        FrameInput { panoptic: Some(mask(ids, &[(1, category), (100, WALL)])), ..blank(id, 0) }
     }
 
     /// Walks these ways, a frame each.
     pub fn walk(&self, config: &Config, ways: impl IntoIterator<Item = f64>) -> Walk {
+        self.walk_with(config, ways, &mut Inline)
+    }
+
+    /// The same with another executor of jobs.
+    pub fn walk_with(&self, config: &Config, ways: impl IntoIterator<Item = f64>, executor: &mut dyn Executor) -> Walk {
         let slam = Slam::new(config, &setup()).unwrap();
-        let mut walk = Walk { slam, truth: Vec::new(), events: Vec::new() };
+        let mut walk = Walk { slam, truth: Vec::new(), events: Vec::new(), records: Vec::new() };
         for (id, s) in (0..).zip(ways) {
-            let (input, obs) = (blank(id, 0), Arc::new(self.observe(id, s)));
-            let report = walk.slam.step(&input, obs, &mut Inline, &mut Unobserved).unwrap();
+            let (input, obs) = (self.input(id, s), Arc::new(self.observe(id, s)));
+            let report = walk.slam.step(&input, obs, executor, &mut Unobserved).unwrap();
             walk.events.extend(report.events.into_iter().map(|e| format!("frame {id}: {}", e.text)));
             walk.truth.push(world_from_camera(s));
+            walk.records.push(report.records);
         }
-        walk.slam.settle(&mut Inline).unwrap();
+        walk.slam.settle(executor).unwrap();
         walk
     }
 }
@@ -138,6 +185,12 @@ pub struct Walk {
     /// `world_from_camera` of each frame.
     pub truth: Vec<Se3>,
     pub events: Vec<String>,
+    /// Digests of each frame.
+    pub records: Vec<Vec<StageRecord>>,
+}
+
+fn wall() -> Arc<PanopticMask> {
+    mask(vec![100; WIDTH * HEIGHT], &[(100, WALL)])
 }
 
 fn blurred(mut descriptor: Descriptor, rng: &mut Rng, bits: usize) -> Descriptor {

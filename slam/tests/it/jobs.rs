@@ -13,7 +13,7 @@ use crate::support::{inputs, room, setup};
 
 /// Does nothing until it must, then everything in reverse order; in a hurry, applies results at a whim.
 #[derive(Default)]
-struct Lazy {
+pub struct Lazy {
     jobs: BTreeMap<Ticket, Job>,
     results: BTreeMap<Ticket, JobResult>,
     hurry: Option<u32>,

@@ -45,11 +45,11 @@ fn place_query_among_all_recorded_keyframes(bencher: Bencher<'_, '_>) {
     for name in ["kitchen_static", "kitchen_moving_box", "kitchen_placing_box", "kitchen_robots_people"] {
         for image in recorded_frames(name, 0, 6) {
             query = extractor.extract(&image).descriptor;
-            index.add(index.len() as u32, &query);
+            index.add(index.len() as u32, &numbered(&query));
         }
     }
     if !index.is_empty() {
-        bencher.bench_local(|| index.query(black_box(&query), 5));
+        bencher.bench_local(|| index.query(black_box(&query), 5, |_, _| true));
     }
 }
 
@@ -98,8 +98,12 @@ fn grid_query_and_match_1000(bencher: Bencher<'_, '_>) {
 fn place_query_among_300_keyframes(bencher: Bencher<'_, '_>) {
     let mut index = PlaceIndex::new();
     for id in 0..300 {
-        index.add(id, &descriptors(1000, 100 + u64::from(id)));
+        index.add(id, &numbered(&descriptors(1000, 100 + u64::from(id))));
     }
     let query = descriptors(1000, 250);
-    bencher.bench_local(|| index.query(black_box(&query), 5));
+    bencher.bench_local(|| index.query(black_box(&query), 5, |_, _| true));
+}
+
+fn numbered(descriptors: &[slam_vision::Descriptor]) -> Vec<(u32, slam_vision::Descriptor)> {
+    (0..).zip(descriptors.iter().copied()).collect()
 }

@@ -16,14 +16,15 @@ const TABLES: usize = 8;
 const BUCKETS: usize = 1 << 16;
 /// Two descriptors count as the same corner up to this distance (of 256 bits).
 const MAX_DISTANCE: u32 = 64;
-/// A bucket with more entries than this says nothing about the place and is skipped.
-const MAX_BUCKET: u32 = 512;
-/// Descriptors kept per keyframe, spread evenly over the given list; 76 bytes each.
+/// Entries that a query compares in full at most: what bounds its time however many keyframes there are. The fullest
+/// buckets, which say least about the place, are left out first. A bit less than a hundred keyframes lose nothing.
+const MAX_COMPARED: u32 = 20_000;
+/// Descriptors kept per keyframe, spread evenly over the given list; 80 bytes each.
 const MAX_DESCRIPTORS: usize = 500;
 /// End of a chain.
 const NIL: u32 = u32::MAX;
 
-/// Index over the descriptors of keyframes. Takes 76 bytes a descriptor (at most 500 a keyframe) plus 4 MiB.
+/// Index over the descriptors of keyframes. Takes 80 bytes a descriptor (at most 500 a keyframe) plus 4 MiB.
 #[derive(Debug, Clone)]
 pub struct PlaceIndex {
     /// Keyframe id -> its entries.
@@ -37,6 +38,8 @@ pub struct PlaceIndex {
 struct Entry {
     descriptor: Descriptor,
     keyframe: u32,
+    /// Which of the keyframe's keypoints.
+    keypoint: u32,
     /// Next entry of the same bucket, a table each.
     next: [u32; TABLES],
 }
@@ -74,10 +77,10 @@ impl PlaceIndex {
         self.keyframes.is_empty()
     }
 
-    /// Stores the descriptors of a keyframe, in place of what the same id held before.
-    pub fn add(&mut self, keyframe_id: u32, descriptors: &[Descriptor]) {
+    /// Stores descriptors of a keyframe (ids count up: a query takes 8 bytes for each below the largest), each with the number of its keypoint, in place of what the same id held before.
+    pub fn add(&mut self, keyframe_id: u32, keypoints: &[(u32, Descriptor)]) {
         self.remove(keyframe_id);
-        let slots = spread(descriptors).map(|descriptor| self.insert(keyframe_id, descriptor)).collect();
+        let slots = spread(keypoints).map(|(keypoint, d)| self.insert(keyframe_id, *keypoint, d)).collect();
         self.keyframes.insert(keyframe_id, slots);
     }
 
@@ -94,36 +97,60 @@ impl PlaceIndex {
     /// The keyframes that share most with `descriptors`: (id, number of query descriptors with a counterpart there),
     /// best first, equal scores by ascending id. Keyframes without a vote are left out. At most 500 of the query's
     /// descriptors, spread evenly, are looked up.
+    ///
+    /// `votes(keyframe, keypoint)` says whether a stored keypoint may vote: what has turned out to move since has no say.
     #[must_use]
-    pub fn query(&self, descriptors: &[Descriptor], max_results: usize) -> Vec<(u32, u32)> {
+    pub fn query(
+        &self,
+        descriptors: &[Descriptor],
+        max_results: usize,
+        votes: impl Fn(u32, u32) -> bool,
+    ) -> Vec<(u32, u32)> {
+        let ids = self.keyframes.last_key_value().map_or(0, |(id, _)| *id as usize + 1);
         // Per keyframe: votes, and the last query descriptor that voted for it.
-        let mut votes: BTreeMap<u32, (u32, usize)> = BTreeMap::new();
-        for (turn, descriptor) in spread(descriptors).enumerate() {
-            for table in 0..TABLES {
-                let bucket = key(descriptor, table);
-                if self.tables[table].len[bucket] > MAX_BUCKET {
-                    continue;
-                }
-                let mut slot = self.tables[table].head[bucket];
-                while slot != NIL {
-                    let entry = &self.entries[slot as usize];
-                    slot = entry.next[table];
-                    if hamming(descriptor, &entry.descriptor) <= MAX_DISTANCE {
-                        let (count, last) = votes.entry(entry.keyframe).or_insert((0, usize::MAX));
-                        *count += u32::from(*last != turn);
-                        *last = turn;
-                    }
+        let mut count: Vec<(u32, u32)> = vec![(0, u32::MAX); ids];
+        let wanted: Vec<&Descriptor> = spread(descriptors).collect();
+        for (turn, table) in self.affordable(&wanted) {
+            let descriptor = wanted[turn as usize];
+            let mut slot = self.tables[table].head[key(descriptor, table)];
+            while slot != NIL {
+                let entry = &self.entries[slot as usize];
+                slot = entry.next[table];
+                let (count, last) = &mut count[entry.keyframe as usize];
+                let new = *last != turn && hamming(descriptor, &entry.descriptor) <= MAX_DISTANCE;
+                if new && votes(entry.keyframe, entry.keypoint) {
+                    (*count, *last) = (*count + 1, turn);
                 }
             }
         }
-        let mut ranked: Vec<(u32, u32)> = votes.into_iter().map(|(id, (count, _))| (id, count)).collect();
+        let mut ranked: Vec<(u32, u32)> =
+            (0..).zip(count).map(|(id, (n, _))| (id, n)).filter(|(_, n)| *n > 0).collect();
         ranked.sort_by_key(|&(id, count)| (std::cmp::Reverse(count), id));
         ranked.truncate(max_results);
         ranked
     }
 
-    fn insert(&mut self, keyframe: u32, descriptor: &Descriptor) -> u32 {
-        let mut entry = Entry { descriptor: *descriptor, keyframe, next: [NIL; TABLES] };
+    /// Which buckets to look into: query descriptor and table, in that order. The smallest ones that together hold at
+    /// most [`MAX_COMPARED`] entries.
+    fn affordable(&self, wanted: &[&Descriptor]) -> Vec<(u32, usize)> {
+        let mut buckets: Vec<(u32, u32, usize)> = Vec::with_capacity(wanted.len() * TABLES);
+        for (turn, descriptor) in (0..).zip(wanted) {
+            let lengths = self.tables.iter().enumerate().map(|(table, t)| (t.len[key(descriptor, table)], turn, table));
+            buckets.extend(lengths.filter(|(len, ..)| *len > 0));
+        }
+        buckets.sort_unstable();
+        let mut left = MAX_COMPARED;
+        let affordable = buckets.into_iter().map_while(|(len, turn, table)| {
+            left = left.checked_sub(len)?;
+            Some((turn, table))
+        });
+        let mut affordable: Vec<(u32, usize)> = affordable.collect();
+        affordable.sort_unstable();
+        affordable
+    }
+
+    fn insert(&mut self, keyframe: u32, keypoint: u32, descriptor: &Descriptor) -> u32 {
+        let mut entry = Entry { descriptor: *descriptor, keyframe, keypoint, next: [NIL; TABLES] };
         let slot = self.free.pop().unwrap_or(self.entries.len() as u32);
         for (table, next) in entry.next.iter_mut().enumerate() {
             let bucket = key(descriptor, table);
@@ -167,7 +194,7 @@ fn key(descriptor: &Descriptor, table: usize) -> usize {
 
 /// At most [`MAX_DESCRIPTORS`] of the list, evenly spread: the list is sorted by octave and row, and a cut would lose
 /// the coarse octaves, which are seen from farthest.
-fn spread(descriptors: &[Descriptor]) -> impl Iterator<Item = &Descriptor> {
-    let taken = descriptors.len().min(MAX_DESCRIPTORS);
-    (0..taken).map(move |i| &descriptors[i * descriptors.len() / taken])
+fn spread<T>(list: &[T]) -> impl Iterator<Item = &T> {
+    let taken = list.len().min(MAX_DESCRIPTORS);
+    (0..taken).map(move |i| &list[i * list.len() / taken])
 }

@@ -188,20 +188,24 @@ fn seen_again(originals: &[Descriptor], flip: f64, replaced: f64, seed: u64) -> 
     again
 }
 
+fn numbered(descriptors: &[Descriptor]) -> Vec<(u32, Descriptor)> {
+    (0..).zip(descriptors.iter().copied()).collect()
+}
+
 #[test]
 fn the_place_index_finds_a_keyframe_among_hundreds() {
     let mut index = PlaceIndex::new();
     for id in 0..300 {
-        index.add(id, &descriptors(800, u64::from(id)));
+        index.add(id, &numbered(&descriptors(800, u64::from(id))));
     }
     for (target, flip, replaced) in [(0, 0.1, 0.5), (137, 0.2, 0.4), (299, 0.15, 0.7)] {
         let query = seen_again(&descriptors(800, u64::from(target)), flip, replaced, 9);
-        let found = index.query(&query, 5);
+        let found = index.query(&query, 5, |_, _| true);
         assert_eq!(found[0].0, target, "{found:?}");
         assert!(found[0].1 >= 20 && found.get(1).is_none_or(|second| second.1 < 3), "{found:?}");
     }
-    assert!(index.query(&descriptors(800, 5000), 5).iter().all(|&(_, votes)| votes < 3));
-    assert_eq!(index.query(&descriptors(800, 7), 0), []);
+    assert!(index.query(&descriptors(800, 5000), 5, |_, _| true).iter().all(|&(_, votes)| votes < 3));
+    assert_eq!(index.query(&descriptors(800, 7), 0, |_, _| true), []);
 }
 
 #[test]
@@ -209,23 +213,23 @@ fn the_place_index_forgets_and_does_not_depend_on_history() {
     let (mut direct, mut detour) = (PlaceIndex::new(), PlaceIndex::new());
     let of = |id: u32| descriptors(200, u64::from(id % 7));
     for id in 0..20 {
-        direct.add(id, &of(id));
+        direct.add(id, &numbered(&of(id)));
     }
     for id in (0..40).rev() {
-        detour.add(id, &of(id + 1));
+        detour.add(id, &numbered(&of(id + 1)));
     }
     for id in 20..40 {
         assert!(detour.remove(id));
         assert!(!detour.remove(id));
     }
     for id in [3, 17, 0, 1, 2, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 18, 19] {
-        detour.add(id, &of(id));
+        detour.add(id, &numbered(&of(id)));
     }
     assert_eq!((direct.len(), detour.len()), (20, 20));
     for seed in 0..7 {
         let query = seen_again(&descriptors(200, seed), 0.1, 0.2, 3);
-        let found = direct.query(&query, 100);
-        assert_eq!(found, detour.query(&query, 100));
+        let found = direct.query(&query, 100, |_, _| true);
+        assert_eq!(found, detour.query(&query, 100, |_, _| true));
         // Equal keyframes have equal scores and come by id.
         assert_eq!(found[0].0, seed as u32);
         assert!(found.windows(2).all(|w| (w[1].1, w[0].0) < (w[0].1, w[1].0) || w[0].1 > w[1].1));
@@ -233,16 +237,29 @@ fn the_place_index_forgets_and_does_not_depend_on_history() {
     for id in 0..20 {
         detour.remove(id);
     }
-    assert!(detour.is_empty() && detour.query(&of(0), 5).is_empty());
+    assert!(detour.is_empty() && detour.query(&of(0), 5, |_, _| true).is_empty());
     detour.add(1, &[]);
-    assert!(detour.query(&of(0), 5).is_empty() && detour.query(&[], 5).is_empty());
+    assert!(detour.query(&of(0), 5, |_, _| true).is_empty() && detour.query(&[], 5, |_, _| true).is_empty());
 }
 
 #[test]
-fn a_flood_of_equal_descriptors_is_skipped_not_searched() {
+fn a_flood_of_equal_descriptors_is_searched_in_part() {
     let mut index = PlaceIndex::new();
     for id in 0..5 {
-        index.add(id, &vec![[0; 4]; 1000]);
+        index.add(id, &numbered(&[[0; 4]; 1000]));
     }
-    assert!(index.query(&vec![[0; 4]; 1000], 5).is_empty());
+    let found = index.query(&[[0; 4]; 1000], 5, |_, _| true);
+    assert!(found.iter().all(|(_, votes)| *votes <= 8), "{found:?}");
+}
+
+#[test]
+fn a_keypoint_that_lost_its_vote_has_none() {
+    let mut index = PlaceIndex::new();
+    let known = descriptors(300, 1);
+    index.add(4, &numbered(&known));
+    let all = index.query(&known, 5, |_, _| true);
+    assert_eq!(all, [(4, 300)]);
+    let odd = index.query(&known, 5, |keyframe, keypoint| keyframe == 4 && keypoint % 2 == 1);
+    assert_eq!(odd, [(4, 150)]);
+    assert_eq!(index.query(&known, 5, |_, _| false), []);
 }
