@@ -148,7 +148,7 @@ pub fn small_sequence() -> anyhow::Result<(Vec<FrameInput>, Setup)> {
     let (width, height) = (camera.width as usize, camera.height as usize);
     let input = |index| {
         let RenderedFrame { stamp_ns, rgb, depth_units, panoptic, .. } = world.frame(index);
-        let metres_per_unit = 1.0 / f64::from(world.config().depth_units_per_metre);
+        let metres_per_unit = 1.0 / world.config().depth_units_per_metre;
         let segments = panoptic.segments.iter();
         let segments = segments.map(|s| slam::Segment { id: s.id, category: s.category_id, score: 1.0 }).collect();
         Ok(FrameInput {

@@ -2,7 +2,7 @@
 
 use crate::{Outcome, Usage, stdout};
 use anyhow::Context as _;
-use fixtures::{World, WorldConfig, scenario};
+use fixtures::{World, scenario};
 use recorder::mocap::sim::{Fault, Path, Protocol, Script, SimServer, SimSubject};
 use slam_math::Se3;
 use std::net::{SocketAddr, ToSocketAddrs as _};
@@ -154,16 +154,10 @@ fn path(source: &str) -> anyhow::Result<Path> {
 }
 
 fn synthetic(scene: &str) -> anyhow::Result<Path> {
-    let scenes: [(&str, fn() -> WorldConfig); 4] = [
-        ("demo", scenario::demo),
-        ("static-room", scenario::static_room),
-        ("robots-people", scenario::robots_people),
-        ("tiny", scenario::tiny),
-    ];
-    let found = scenes.iter().find(|(name, _)| *name == scene);
-    let known = scenes.map(|(name, _)| name).join(", ");
-    let (_, config) = found.ok_or_else(|| Usage(format!("there is no scene `{scene}`; choose {known}")))?;
-    let world = World::new(&config())?;
+    let known = scenario::NAMED.map(|(name, _)| name).join(", ");
+    let config = scenario::by_name(scene);
+    let config = config.ok_or_else(|| Usage(format!("there is no scene `{scene}`; choose {known}")))?;
+    let world = World::new(&config)?;
     let (first_ns, last_ns) = (world.stamp_ns(0), world.stamp_ns(world.len()));
     let stamps = (0..).map(|k| first_ns + k * 1_000_000_000 / SYNTHETIC_HZ).take_while(|stamp_ns| *stamp_ns <= last_ns);
     Ok(Path::new(stamps.map(|stamp_ns| (stamp_ns, world.world_from_camera(stamp_ns)))))

@@ -11,7 +11,6 @@ mod table;
 
 pub use degrade::Degrade;
 pub use run::{Cell, Done, SequenceReport, SuiteReport, run};
-pub use source::scenarios;
 
 /// The suites that come with the program: name and text.
 pub const BUILT_IN: [(&str, &str); 6] = [

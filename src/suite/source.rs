@@ -4,25 +4,9 @@ use super::spec::Sequence;
 use crate::progress::{self, Progress};
 use crate::{Usage, synthetic};
 use anyhow::Context as _;
-use fixtures::{World, WorldConfig, scenario};
+use fixtures::{World, scenario};
 use recorder::import::{PanopticSource, TumOptions, tum};
 use std::path::{Path, PathBuf};
-
-/// A scenario of the synthetic world.
-type Scenario = fn() -> WorldConfig;
-
-/// Scenarios by name.
-const SCENARIOS: [(&str, Scenario); 4] = [
-    ("demo", scenario::demo),
-    ("static_room", scenario::static_room),
-    ("robots_people", scenario::robots_people),
-    ("tiny", scenario::tiny),
-];
-
-/// Names of the scenarios that a suite can render.
-pub fn scenarios() -> impl Iterator<Item = &'static str> {
-    SCENARIOS.iter().map(|(name, _)| *name)
-}
 
 /// Makes the logs of a suite's sequences, or finds them.
 pub struct Library<'a> {
@@ -104,10 +88,10 @@ fn import(sequence: &Sequence, folder: &Path, data: &Path, log: &Path, progress:
 }
 
 fn render(name: &str, log: &Path, progress: Progress) -> anyhow::Result<()> {
-    let scenario = SCENARIOS.iter().find(|(known, _)| *known == name).map(|(_, scenario)| scenario);
-    let known = scenarios().collect::<Vec<_>>().join(", ");
-    let scenario = scenario.ok_or_else(|| Usage(format!("there is no scenario `{name}`; choose {known}")))?;
-    let world = World::new(&scenario()).with_context(|| format!("scenario {name}"))?;
+    let known = scenario::NAMED.map(|(name, _)| name).join(", ");
+    let config = scenario::by_name(name);
+    let config = config.ok_or_else(|| Usage(format!("there is no scenario `{name}`; choose {known}")))?;
+    let world = World::new(&config).with_context(|| format!("scenario {name}"))?;
     let bar = progress.bar("rendering");
     synthetic::write_log(&world, name, log, true, &mut |_| {}, &mut |done, all| progress::update(&bar, done, all))?;
     bar.finish_and_clear();

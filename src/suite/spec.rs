@@ -182,7 +182,7 @@ mod tests {
                 config.resolve().unwrap_or_else(|error| panic!("{name}, {}: {error:#}", config.name));
             }
             for scenario in suite.sequence.iter().filter_map(|s| s.synthetic.as_deref()) {
-                assert!(crate::suite::scenarios().any(|known| known == scenario), "{name}: {scenario}");
+                assert!(fixtures::scenario::by_name(scenario).is_some(), "{name}: {scenario}");
             }
         }
     }

@@ -37,7 +37,7 @@ impl Screen {
         if self.terminal {
             let _ = write!(err, "\r{status}\x1b[K");
             let _ = err.flush();
-        } else if self.seconds % SECONDS_A_LINE == 0 {
+        } else if self.seconds.is_multiple_of(SECONDS_A_LINE) {
             let _ = writeln!(err, "{status}");
         }
         self.seconds += 1;
