@@ -8,6 +8,7 @@ use recorder::sync::{HandEyeOptions, OffsetOptions, SyncError, estimate_offset, 
 use schemas::sync::{HandEye, Offset};
 use slam_math::float::sin;
 use slam_math::{Rng, Se3, StampedPose, Track};
+use std::f64::consts::TAU;
 
 const OFFSET_NS: i64 = 37_300_000;
 const DRIFT: f64 = 20e-6;
@@ -33,8 +34,8 @@ impl Motion {
         let wave = |axis: u32| {
             let mut rng = Rng::at(self.seed, axis, 0, 0);
             (0..4).fold(0.0, |sum, _| {
-                let (hz, phase) = (0.15 + 0.8 * rng.uniform(), 6.283 * rng.uniform());
-                sum + 0.5 * sin(6.283 * hz * t + phase)
+                let (hz, phase) = (0.15 + 0.8 * rng.uniform(), TAU * rng.uniform());
+                sum + 0.5 * sin(TAU * hz * t + phase)
             })
         };
         let [roll, pitch, yaw] = [0, 1, 2].map(|axis| wave(axis) * self.turn[axis as usize]);

@@ -73,7 +73,7 @@ fn seen_by(a: &View, b: &View) -> f64 {
             seen += usize::from(measured.is_some_and(|m| (m - p[2]).abs() < TOLERANCE * p[2]));
         }
     }
-    seen as f64 / f64::max(1.0, f64::from(all))
+    seen as f64 / f64::from(all.max(1))
 }
 
 fn numbered(descriptors: &[Descriptor]) -> Vec<(u32, Descriptor)> {

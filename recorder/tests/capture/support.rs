@@ -40,7 +40,7 @@ pub fn setup() -> CameraSetup {
         let (width, height, rate_hz) = if motion { (0, 0, 200) } else { (WIDTH, HEIGHT, RATE_HZ) };
         StreamProfile { stream: StreamId::only(kind), format, width, height, rate_hz }
     };
-    let profiles = vec![
+    let profiles = [
         profile(StreamKind::Depth, Format::Z16),
         profile(StreamKind::Color, Format::Rgb8),
         profile(StreamKind::Gyro, Format::MotionXyz32f),
