@@ -1,6 +1,7 @@
 //! Import of tiny EuRoC and KITTI folders made by the test, in the layouts of the data sets.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+#![allow(clippy::excessive_precision, reason = "the digits that the data set writes")]
 
 use recorder::import::{EurocOptions, KittiOptions, SequenceReport, TruthOf, euroc, kitti};
 use recorder::picture::encode_gray8;

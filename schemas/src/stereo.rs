@@ -90,7 +90,10 @@ impl StereoModel {
     #[must_use]
     #[expect(clippy::float_cmp_const, reason = "a rotation by nothing is written as exactly that")]
     pub fn is_rectified(&self) -> bool {
-        let plain = |camera: &CameraModel, rotation: &Matrix| *camera == self.rectified && *rotation == IDENTITY;
+        let plain = |camera: &CameraModel, rotation: &Matrix| {
+            let turned = rotation.iter().zip(IDENTITY).any(|(a, b)| *a != b);
+            *camera == self.rectified && !turned
+        };
         plain(&self.left, &self.rectified_from_left) && plain(&self.right, &self.rectified_from_right)
     }
 
