@@ -9,6 +9,7 @@ use super::outbox::{Progress, Scribe, append, encode_all, sync_all};
 use super::source::{End, Source};
 use super::status::{Status, StreamCounts, StreamStatus, Verdict};
 use super::stream::Stream;
+use crate::sync::{SyncOptions, solve};
 use crate::{Arrival, LogOptions, LogWriter, WriteError};
 use schemas::msg::{ClockPair, Header, level};
 use schemas::{Stamp, metadata, topics};
@@ -33,6 +34,8 @@ pub struct RecordOptions {
     pub reserve_bytes: u64,
     /// Colour as PNG and chunks compressed; without, everything raw.
     pub compress: bool,
+    /// Estimate clocks and offsets at the end.
+    pub synchronise: bool,
     /// What is recorded in spite of its faults.
     pub allowed: Allowed,
     /// How much may wait in memory, and how long.
@@ -307,6 +310,7 @@ impl Run<'_> {
             if let Some(setup) = setup {
                 append(&mut log, &setup.messages(self.shared.host.stamp(now))?)?;
             }
+            self.synchronise(&mut log)?;
             log.metadata(metadata::VERDICT, record_of(&verdict))?;
             log.finish()
         });
@@ -324,6 +328,18 @@ impl Run<'_> {
             }
         }
         Ok(verdict)
+    }
+
+    /// Estimates clocks and offsets from what was recorded. The hand-eye transform needs the camera's path, and so a replay:
+    /// `pslam sync` does that.
+    fn synchronise(&self, log: &mut LogWriter) -> Result<(), WriteError> {
+        let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
+        let signals = std::mem::take(&mut progress.signals);
+        drop(progress);
+        if !self.options.synchronise || (signals.bodies.is_empty() && signals.arrivals.is_empty()) {
+            return Ok(());
+        }
+        log.metadata(metadata::SYNC, solve(&signals, &SyncOptions::default()).to_metadata())
     }
 
     fn verdict(&self, now: Arrival, ended_by: EndedBy) -> Verdict {

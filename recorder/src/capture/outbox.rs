@@ -9,6 +9,7 @@ use super::ledger::Cause;
 use super::stream::Stream;
 use crate::{LogWriter, WriteError};
 use schemas::msg::level;
+use schemas::sync::Signals;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::sync::mpsc::{Receiver, SyncSender};
@@ -64,10 +65,12 @@ impl Shared {
 }
 
 /// The writer's side of the status.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub(super) struct Progress {
     pub bytes: u64,
     pub latency: Latency,
+    /// What the synchronisation needs of what was written; a few bytes a measurement.
+    pub signals: Signals,
 }
 
 /// The writing thread.
@@ -134,6 +137,10 @@ impl Scribe<'_> {
             self.shared.unwritten(item);
             return Err(error);
         }
+        let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
+        // Our own messages can be decoded.
+        messages.iter().for_each(|message| drop(progress.signals.take(&message.topic, &message.bytes)));
+        drop(progress);
         if log.bytes() != bytes {
             // A chunk was closed: what came before this item is in the file.
             self.settle(log, pending);

@@ -94,6 +94,8 @@ pub fn realsense(
         duration: None,
         reserve_bytes: 0,
         compress: true,
+        // Arrivals of a playback say nothing about the camera.
+        synchronise: false,
         allowed: Allowed { missing_metadata: true },
         limits: Limits::default(),
         program: program.to_owned(),

@@ -137,6 +137,7 @@ pub fn options(path: &Path) -> RecordOptions {
         duration: None,
         reserve_bytes: 0,
         compress: true,
+        synchronise: true,
         allowed: Default::default(),
         limits: Limits::default(),
         program: "test".to_owned(),

@@ -11,7 +11,7 @@ use crate::{Outcome, Usage};
 use camera::CameraArgs;
 use mocap::MocapArgs;
 use quantity::{bytes, seconds};
-use recorder::capture::{Allowed, Limits, RecordOptions, Source, SystemClock, Verdict, record};
+use recorder::capture::{Allowed, Limits, RecordOptions, Source, SystemClock, record};
 use screen::Screen;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use std::collections::BTreeMap;
@@ -42,6 +42,9 @@ pub struct Record {
     /// Keep colour and chunks uncompressed: three times the bytes, a fifth of the processor's time.
     #[arg(long)]
     raw: bool,
+    /// Do not estimate clocks and offsets at the end.
+    #[arg(long)]
+    no_sync: bool,
     /// Overwrite an existing log.
     #[arg(long)]
     force: bool,
@@ -66,7 +69,6 @@ impl Record {
         let stopped = || stop.load(Ordering::Relaxed);
         let verdict = record(sources, &options, Arc::new(SystemClock), &stopped, &mut |status| screen.status(status))?;
         screen.verdict(&verdict)?;
-        afterwards(&verdict);
         Ok(Outcome::from_good(verdict.complete))
     }
 
@@ -78,6 +80,7 @@ impl Record {
             duration: self.duration,
             reserve_bytes: self.reserve,
             compress: !self.raw,
+            synchronise: !self.no_sync,
             allowed: Allowed { missing_metadata: self.camera.allow_missing_metadata },
             limits: Limits::default(),
             program: concat!("pslam ", env!("CARGO_PKG_VERSION")).to_owned(),
@@ -85,9 +88,6 @@ impl Record {
         }
     }
 }
-
-/// What is done with a recording once it is closed.
-fn afterwards(_verdict: &Verdict) {}
 
 /// Set by Ctrl-C, `kill` and a closed terminal: the log is closed properly. A second one ends the program at once.
 fn stop_signals() -> anyhow::Result<Arc<AtomicBool>> {
