@@ -57,7 +57,7 @@ impl Folder {
                 folder.write(&format!("V1/mav0/{camera}/data/{i}.png"), picture(i));
             }
         }
-        let imu = "#timestamp [ns],w\n1403715274162142976,-0.046_774_823_953_448_03,0.1,0.2,9.447_072_833_333_333,-0.9,-3.7\n\
+        let imu = "#timestamp [ns],w\n1403715274162142976,-0.046774823953448029,0.1,0.2,9.4470728333333334,-0.9,-3.7\n\
                    1403715274167142912,1,2,3,4,5,6\n1403715274362142976,1,2,3,4,5,6\n";
         folder.write("V1/mav0/imu0/data.csv", imu);
         folder.write("V1/mav0/imu0/sensor.yaml", "sensor_type: imu\n");

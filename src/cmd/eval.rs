@@ -46,13 +46,17 @@ pub struct Eval {
 }
 
 impl Eval {
-    fn options(&self, sensor: Option<&str>) -> anyhow::Result<EvalOptions> {
-        let alignment = match (self.sim3, self.no_align, self.se3) {
+    /// What was asked for, else what the sensor needs.
+    fn alignment(&self, sensor: Option<&str>) -> Alignment {
+        match (self.sim3, self.no_align, self.se3) {
             (true, ..) => Alignment::Sim3,
             (_, true, _) => Alignment::None,
             (_, _, true) => Alignment::Se3,
             _ => Alignment::for_sensor(sensor.unwrap_or_default()),
-        };
+        }
+    }
+
+    fn options(&self) -> anyhow::Result<EvalOptions> {
         if !(0.0..=1e6).contains(&self.max_difference_ms) {
             return Err(
                 Usage(format!("--max-difference-ms {} is not between 0 and 1e6", self.max_difference_ms)).into()
@@ -61,14 +65,15 @@ impl Eval {
         let rpe = self.rpe_delta.iter().map(|text| Ok(RpeOptions { all_pairs: self.rpe_all_pairs, ..delta(text)? }));
         Ok(EvalOptions {
             max_difference_s: self.max_difference_ms / 1e3,
-            alignment,
             rpe: rpe.collect::<Result<_, Usage>>()?,
+            ..EvalOptions::default()
         })
     }
 
     pub(super) fn run(self) -> anyhow::Result<Outcome> {
+        let mut options = self.options()?;
         let estimate = super::run_folder::Estimate::read(&self.run, self.online)?;
-        let options = self.options(estimate.sensor.as_deref())?;
+        options.alignment = self.alignment(estimate.sensor.as_deref());
         let truth = self.log.clone().or(estimate.log);
         let truth = truth.ok_or_else(|| Usage("give the ground truth: a log or a text file".to_owned()))?;
         let truth = read_truth(&truth)?;

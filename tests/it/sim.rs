@@ -55,7 +55,6 @@ fn devices_lists_the_subjects_of_a_simulated_system() {
 
 #[test]
 fn requests_that_make_no_sense() {
-    pslam_exits(2, &["devices"]);
     pslam_exits(2, &["sim", "vicon", "synthetic:nowhere", "--subject", "a"]);
     pslam_exits(2, &["sim", "vicon", "synthetic:tiny"]);
     pslam_exits(2, &["sim", "vicon", "synthetic:tiny", "--subject", "a", "--subject", "a"]);
