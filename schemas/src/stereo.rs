@@ -88,7 +88,6 @@ impl StereoModel {
 
     /// True when both pictures are rectified as they are recorded.
     #[must_use]
-    #[expect(clippy::float_cmp_const, reason = "a rotation by nothing is written as exactly that")]
     pub fn is_rectified(&self) -> bool {
         let plain = |camera: &CameraModel, rotation: &Matrix| {
             let turned = rotation.iter().zip(IDENTITY).any(|(a, b)| *a != b);
