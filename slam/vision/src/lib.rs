@@ -8,7 +8,7 @@
 //! * [`Camera`]: projection, lens distortion and its inverse.
 //! * [`KeypointGrid`]: which keypoints lie near a pixel.
 //! * [`hamming`], [`hamming_many`], [`nearest_two`]: distance between descriptors.
-//! * [`PlaceIndex`]: which keyframes show the same place.
+//! * [`PlaceIndex`]: which keyframes show the same place; [`Vocabulary`] and [`WordIndex`]: the same by words.
 //!
 //! ```
 //! use slam_vision::{OrbConfig, OrbExtractor, Workspace, gray_from_rgb};
@@ -31,6 +31,7 @@ mod orb;
 mod place;
 mod rectify;
 mod stereo;
+mod vocabulary;
 
 pub use camera::{Bounds, Camera, Distortion};
 pub use descriptor::{Descriptor, Nearest, hamming, hamming_many, nearest_two};
@@ -42,3 +43,4 @@ pub use orb::{Features, OrbConfig, OrbExtractor, Workspace};
 pub use place::PlaceIndex;
 pub use rectify::Rectifier;
 pub use stereo::StereoOptions;
+pub use vocabulary::{LineProblem, Vocabulary, VocabularyError, VocabularyOptions, WordIndex, bag_score};

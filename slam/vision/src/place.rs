@@ -194,7 +194,7 @@ fn key(descriptor: &Descriptor, table: usize) -> usize {
 
 /// At most [`MAX_DESCRIPTORS`] of the list, evenly spread: the list is sorted by octave and row, and a cut would lose
 /// the coarse octaves, which are seen from farthest.
-fn spread<T>(list: &[T]) -> impl Iterator<Item = &T> {
+pub(crate) fn spread<T>(list: &[T]) -> impl Iterator<Item = &T> {
     let taken = list.len().min(MAX_DESCRIPTORS);
     (0..taken).map(move |i| &list[i * list.len() / taken])
 }
