@@ -10,7 +10,7 @@
 //! * [`triangulate()`]: a point from two rays.
 //! * [`absolute`]: rigid motion or similarity between two point clouds with outliers.
 //! * [`similarity`]: the same between two cameras that see what they know: is this the same place?
-//! * [`p3p`]: pose of a camera from points and pixels alone, with outliers.
+//! * [`p3p()`]: pose of a camera from points and pixels alone, with outliers.
 //! * [`fundamental`]: two-view epipolar geometry with outliers.
 //! * [`two_view`]: motion and points from two views without depth, the start of a monocular map.
 //!

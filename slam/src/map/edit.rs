@@ -47,7 +47,7 @@ pub enum MapEdit {
     CountSight(MapPointId, bool),
     /// Sets the doubt counter of a point.
     SetDoubts(MapPointId, u32),
-    /// Sets what a point looks like, see [`Map::appearance`].
+    /// Sets what a point looks like, see `Map::appearance`.
     Refresh(MapPointId, Appearance),
     /// Recomputes the covisibility edges of a keyframe.
     Connect(KeyFrameId),

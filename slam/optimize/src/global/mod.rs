@@ -3,7 +3,7 @@
 //! The same problem and cost as [`bundle_adjust`](crate::bundle_adjust), made for long chains: the points are eliminated
 //! one after the other (Schur complement; Triggs et al. 2000, "Bundle Adjustment - A Modern Synthesis", section 6), and the
 //! system over the poses, which has a block only where two cameras see a common point, is factored by
-//! [`SparseCholesky`](crate::SparseCholesky). Nothing is stored per observation but an index, a flag and a number: what
+//! [`SparseCholesky`]. Nothing is stored per observation but an index, a flag and a number: what
 //! is linearised is thrown away and formed again for the points. Time and memory grow about linearly with the number of
 //! keyframes as long as each shares points with a bounded number of others.
 //!
