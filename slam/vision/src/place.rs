@@ -5,6 +5,21 @@
 //! Entries that share a sample are compared in full, and a keyframe gets one vote for each query descriptor that has
 //! a close counterpart in it. Nothing has to be trained, and results depend only on what is stored, not on the order in
 //! which it was added.
+//!
+//! Chosen by measurement over a [`WordIndex`](crate::WordIndex) with k = 10, L = 4 (`cargo run --release -p replayer
+//! --example places -- static.mcap moving_box.mcap placing_box.mcap robots_people.mcap`, 353 keyframes; three candidates a
+//! keyframe, which each method filled, 859 in all, without other checks):
+//!
+//! | | see a fifth of the same | overlap by half | found, of 20 with a match | ms at 100 / 1,000 / 10,000 keyframes |
+//! |---|---|---|---|---|
+//! | this index | 564 (66 %) | 21 | 19 | 0.53 / 2.75 / 3.91 |
+//! | words trained on the synthetic world | 526 (61 %) | 18 | 18 | 0.09 / 0.44 / 2.76 |
+//! | words trained on these same logs | 598 (70 %) | 17 | 17 | 0.09 / 0.27 / 1.60 |
+//!
+//! The only words that could be shipped are slightly worse, and only one log has true matches: 19 against 18 decides
+//! nothing. Words are up to six times (the logs' own, ten times) as fast and take 12 bytes a descriptor instead of 80, but
+//! their time grows with the map while that of the index is bounded, and a few milliseconds a keyframe in the background do
+//! not matter. So the index stays: not because it is faster, but because it needs no training data that resembles the place.
 
 use std::collections::BTreeMap;
 
