@@ -33,9 +33,7 @@ fn trained(branching: u32, depth: u32, seed: u64) -> Vocabulary {
 }
 
 fn text_of(vocabulary: &Vocabulary) -> String {
-    let mut text = Vec::new();
-    vocabulary.write(&mut text).unwrap();
-    String::from_utf8(text).unwrap()
+    vocabulary.to_text()
 }
 
 fn node(parent: u32, is_leaf: u32, descriptor: &Descriptor, weight: &str) -> String {
@@ -62,9 +60,9 @@ proptest! {
         prop_assert_eq!(&vocabulary, &trained(branching, depth, seed));
         prop_assert!(vocabulary.len() <= branching.pow(depth) as usize);
         let text = text_of(&vocabulary);
-        prop_assert_eq!(&Vocabulary::read(text.as_bytes()).unwrap(), &vocabulary);
+        prop_assert_eq!(&Vocabulary::parse(text.as_bytes()).unwrap(), &vocabulary);
         let windows = text.replace(" \n", "\n").replace('\n', " \r\n") + "\r\n \n";
-        prop_assert_eq!(&Vocabulary::read(windows.as_bytes()).unwrap(), &vocabulary);
+        prop_assert_eq!(&Vocabulary::parse(windows.as_bytes()).unwrap(), &vocabulary);
     }
 
     #[test]
@@ -73,7 +71,7 @@ proptest! {
         let few = |list: Vec<Descriptor>| list.into_iter().map(|d| [d[0] & 7, 0, 0, d[3] & 3]).collect::<Vec<_>>();
         let words = few(descriptors(leaves, seed));
         let nodes: String = words.iter().map(|d| node(0, 1, d, "1")).collect();
-        let vocabulary = Vocabulary::read(format!("20 1 0 0\n{nodes}").as_bytes()).unwrap();
+        let vocabulary = Vocabulary::parse(format!("20 1 0 0\n{nodes}").as_bytes()).unwrap();
         for query in few(descriptors(50, seed + 5000)) {
             let nearest = (0..leaves).min_by_key(|&i| (hamming(&query, &words[i]), i)).unwrap();
             prop_assert_eq!(vocabulary.word(&query), nearest as u32);
@@ -86,7 +84,7 @@ proptest! {
         let at = at.index(bytes.len());
         bytes[at] = byte;
         bytes.truncate(if cut { at } else { bytes.len() });
-        if let Ok(vocabulary) = Vocabulary::read(&bytes[..]) {
+        if let Ok(vocabulary) = Vocabulary::parse(&bytes[..]) {
             let bag = vocabulary.bag(&descriptors(50, 3));
             prop_assert!(bag.iter().all(|(word, share)| (*word as usize) < vocabulary.len() && share.is_finite()));
         }
@@ -94,8 +92,8 @@ proptest! {
 
     #[test]
     fn any_bytes_never_panic(bytes in proptest::collection::vec(any::<u8>(), 0..300), numbers in "[0-9 .e\n-]{0,300}") {
-        prop_assert!(Vocabulary::read(&bytes[..]).is_err());
-        prop_assert!(Vocabulary::read(numbers.as_bytes()).is_err());
+        prop_assert!(Vocabulary::parse(&bytes[..]).is_err());
+        prop_assert!(Vocabulary::parse(numbers.as_bytes()).is_err());
     }
 
     #[test]
@@ -154,7 +152,7 @@ fn training_refuses_what_trains_nothing() {
 fn weights_and_scores_are_those_worked_out_by_hand() {
     let [a, b, c] = [[0; 4], [u64::MAX, 0, 0, 0], [u64::MAX, u64::MAX, 0, 0]];
     let nodes = [node(0, 0, &a, "0"), node(0, 1, &c, "3"), node(1, 1, &a, "1"), node(1, 1, &b, "2")].concat();
-    let vocabulary = Vocabulary::read(format!("10 2 0 0\n{nodes}").as_bytes()).unwrap();
+    let vocabulary = Vocabulary::parse(format!("10 2 0 0\n{nodes}").as_bytes()).unwrap();
     // Words in the order of the leaves' lines: c, a, b; b is as near to the inner node as to c, and the first wins.
     assert_eq!([c, a, b].map(|d| vocabulary.word(&d)), [0, 1, 2]);
     let (first, second) = (vocabulary.bag(&[a, c, a]), vocabulary.bag(&[b, c, b, b]));
@@ -169,7 +167,7 @@ fn weights_and_scores_are_those_worked_out_by_hand() {
 fn a_bad_line_is_named() {
     let zero = [0; 4];
     let leaf = |weight: &str| node(0, 1, &zero, weight);
-    let problem = |text: String| match Vocabulary::read(text.as_bytes()).unwrap_err() {
+    let problem = |text: String| match Vocabulary::parse(text.as_bytes()).unwrap_err() {
         VocabularyError::Line { line, problem } => (line, problem),
         other => panic!("{other}"),
     };

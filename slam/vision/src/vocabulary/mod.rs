@@ -20,7 +20,7 @@ const MAX_DEPTH: u32 = 10;
 /// Stands for the word of a node that is no leaf.
 const NO_WORD: u32 = u32::MAX;
 
-/// A tree of binary words with their weights; from [`train`](Self::train) or [`read`](Self::read).
+/// A tree of binary words with their weights; from [`train`](Self::train) or [`parse`](Self::parse).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Vocabulary {
     branching: u32,

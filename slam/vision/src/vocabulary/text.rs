@@ -4,13 +4,13 @@
 //! line; the nodes count from 1 in the order of the lines. Byte `j` of a descriptor holds its bits `8 j` to `8 j + 7`, the
 //! lowest first.
 
-use std::io::{BufRead, Error as IoError, Read, Write};
+use std::fmt::Write as _;
 use std::str::FromStr;
 
 use super::{MAX_BRANCHING, MAX_DEPTH, Node, Vocabulary};
 
 /// Bytes of a line at most; a node takes about 130.
-const MAX_LINE: u64 = 1024;
+const MAX_LINE: usize = 1024;
 /// Nodes at most, four times those of the published vocabulary: 250 MB.
 const MAX_NODES: usize = 4_000_000;
 /// Numbers of a node's line.
@@ -19,14 +19,6 @@ const FIELDS: usize = 35;
 /// Why there is no vocabulary.
 #[derive(Debug, thiserror::Error)]
 pub enum VocabularyError {
-    /// The file can not be read.
-    #[error("vocabulary, line {line}: cannot read: {source}")]
-    Read {
-        /// Line, from 1.
-        line: usize,
-        /// What the system says.
-        source: IoError,
-    },
     /// A line is not what it should be.
     #[error("vocabulary, line {line}: {problem}; get the file anew")]
     Line {
@@ -125,27 +117,25 @@ pub enum LineProblem {
 }
 
 impl Vocabulary {
-    /// Reads a vocabulary, line by line; memory is in proportion to what is there, whatever the file says.
+    /// Reads a vocabulary from the text of its file; memory is in proportion to what is there, whatever the file says.
     ///
     /// # Errors
-    /// The first line that is wrong, or a file that can not be read. Empty lines at the end are allowed.
-    pub fn read(mut reader: impl BufRead) -> Result<Self, VocabularyError> {
-        let mut text = Vec::new();
-        next_line(&mut reader, 1, &mut text)?;
-        let (branching, depth) = header(&text).map_err(|problem| VocabularyError::Line { line: 1, problem })?;
+    /// The first line that is wrong. Empty lines at the end are allowed.
+    pub fn parse(text: &[u8]) -> Result<Self, VocabularyError> {
+        let mut lines = (1..).zip(text.split(|byte| *byte == b'\n'));
+        let wrong = |line| move |problem| VocabularyError::Line { line, problem };
+        let first = lines.next().map_or(&[][..], |(_, text)| text);
+        let (branching, depth) = short(first).and_then(header).map_err(wrong(1))?;
         let mut tree = Growing { branching, depth, nodes: vec![Node::ROOT], shape: vec![Shape::default()] };
         let mut blank = None;
-        for line in 2.. {
-            if !next_line(&mut reader, line, &mut text)? {
-                break;
-            }
+        for (line, text) in lines {
             if text.trim_ascii().is_empty() {
                 blank = blank.or(Some(line));
             } else if let Some(line) = blank {
                 let problem = LineProblem::Fields { expected: FIELDS, found: 0 };
                 return Err(VocabularyError::Line { line, problem });
             } else {
-                tree.push(&text).map_err(|problem| VocabularyError::Line { line, problem })?;
+                short(text).and_then(|text| tree.push(text)).map_err(wrong(line))?;
             }
         }
         if let Some(node) = tree.shape.iter().position(|shape| !shape.is_leaf && shape.children == 0) {
@@ -154,32 +144,26 @@ impl Vocabulary {
         Ok(Self::assemble(branching, depth, tree.nodes))
     }
 
-    /// Writes the vocabulary; [`read`](Self::read) gives it back as it was.
-    ///
-    /// # Errors
-    /// Those of the writer.
-    pub fn write(&self, mut writer: impl Write) -> std::io::Result<()> {
-        writeln!(writer, "{} {} 0 0", self.branching, self.depth)?;
+    /// The text of its file; [`parse`](Self::parse) gives the vocabulary back as it was.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        let mut text = format!("{} {} 0 0\n", self.branching, self.depth);
+        // Writing into a String cannot fail.
         for (id, node) in self.nodes.iter().enumerate().skip(1) {
             let is_leaf = self.first_child[id] == self.first_child[id + 1];
-            write!(writer, "{} {} ", node.parent, u8::from(is_leaf))?;
+            let _ = write!(text, "{} {} ", node.parent, u8::from(is_leaf));
             for byte in node.descriptor.iter().flat_map(|word| word.to_le_bytes()) {
-                write!(writer, "{byte} ")?;
+                let _ = write!(text, "{byte} ");
             }
-            writeln!(writer, "{}", node.weight)?;
+            let _ = writeln!(text, "{}", node.weight);
         }
-        Ok(())
+        text
     }
 }
 
-/// Fetches a line; false at the end.
-fn next_line(reader: &mut impl BufRead, line: usize, text: &mut Vec<u8>) -> Result<bool, VocabularyError> {
-    text.clear();
-    let bytes = reader.by_ref().take(MAX_LINE + 1).read_until(b'\n', text);
-    match bytes.map_err(|source| VocabularyError::Read { line, source })? as u64 {
-        bytes if bytes > MAX_LINE => Err(VocabularyError::Line { line, problem: LineProblem::Long }),
-        bytes => Ok(bytes > 0),
-    }
+/// A line that may be looked at.
+fn short(text: &[u8]) -> Result<&[u8], LineProblem> {
+    if text.len() > MAX_LINE { Err(LineProblem::Long) } else { Ok(text) }
 }
 
 fn header(text: &[u8]) -> Result<(u32, u32), LineProblem> {
