@@ -85,6 +85,9 @@ pub struct Calibrator {
     views: Vec<View>,
 }
 
+/// Numbers and pixels.
+type Corners = (Vector<i32>, Vector<Point2f>);
+
 struct View {
     stamp_ns: i64,
     object: Vector<Point3f>,
@@ -139,8 +142,8 @@ impl Calibrator {
         Ok(corners)
     }
 
-    /// Numbers and pixels of the corners in a picture, if there are enough.
-    fn detect(&self, picture: &impl ToInputArray) -> Result<Option<(Vector<i32>, Vector<Point2f>)>, CalibrateError> {
+    /// The corners in a picture, if there are enough.
+    fn detect(&self, picture: &impl ToInputArray) -> Result<Option<Corners>, CalibrateError> {
         let (mut markers, mut ids) = (Vector::<Vector<Point2f>>::new(), Vector::<i32>::new());
         aruco::detect_markers_def(picture, &self.dictionary, &mut markers, &mut ids)?;
         if ids.is_empty() {
