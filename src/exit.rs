@@ -2,6 +2,7 @@
 
 use recorder::WriteError;
 use recorder::capture::RecordError;
+use recorder::edit::EditError;
 use recorder::recover::RecoverError;
 use replayer::OutputError;
 use replayer::eval::EvalError;
@@ -75,6 +76,7 @@ fn is_usage(cause: &(dyn Error + 'static)) -> bool {
         || matches!(cause.downcast_ref(), Some(EvalError::Option(_)))
         || matches!(cause.downcast_ref(), Some(RecoverError::SameFile(_)))
         || matches!(cause.downcast_ref(), Some(RecordError::Refused(_)))
+        || matches!(cause.downcast_ref(), Some(EditError::SameFile(_) | EditError::Refused(_)))
         || cause.downcast_ref().is_some_and(is_run_usage)
 }
 

@@ -6,6 +6,7 @@
 //! - [`capture`]: live recording from sensors into a log that loses nothing silently.
 //! - [`mocap`]: motion capture systems as sources of frames, and simulated ones.
 //! - [`import`]: data set folders to logs.
+//! - [`edit`]: a log to another one: cut, merged, filtered, redacted, with more in it.
 //! - [`recover`]: a damaged log to a valid one, with a list of what is lost.
 //! - [`realsense`]: RealSense cameras through the vendor's library.
 //! - [`board`]: the calibration board to print; with the feature `opencv`, `calibrate` looks for it in pictures.
@@ -18,6 +19,7 @@ pub mod board;
 #[cfg(feature = "opencv")]
 pub mod calibrate;
 pub mod capture;
+pub mod edit;
 pub mod import;
 mod log_writer;
 pub mod mocap;

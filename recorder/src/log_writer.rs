@@ -16,6 +16,7 @@ use target::Target;
 /// Fixed, so that the same content gives the same bytes whatever the version of the container library.
 const LIBRARY: &str = "panoptic-slam";
 const CHUNK_BYTES: u64 = 1 << 20;
+/// The fastest usual level: depth images at level 9 are a fifth smaller and take six times as long.
 const COMPRESSION_LEVEL: u32 = 1;
 
 /// How to write a log.
@@ -27,6 +28,8 @@ pub struct LogOptions {
     pub flush_interval_ns: u64,
     /// Whether chunks are compressed (zstd); without, a recorder saves the time and pays in bytes.
     pub compress: bool,
+    /// zstd's level for chunks, 1 (fast) to 22 (small).
+    pub compression_level: u32,
     /// Space that the file owns ahead of its end, bytes, so that a full disk leaves room to close it; 0 = none. See
     /// [`LogWriter::is_disk_full`].
     pub ahead_bytes: u64,
@@ -34,7 +37,13 @@ pub struct LogOptions {
 
 impl Default for LogOptions {
     fn default() -> Self {
-        Self { force: false, flush_interval_ns: 1_000_000_000, compress: true, ahead_bytes: 0 }
+        Self {
+            force: false,
+            flush_interval_ns: 1_000_000_000,
+            compress: true,
+            compression_level: COMPRESSION_LEVEL,
+            ahead_bytes: 0,
+        }
     }
 }
 
@@ -154,7 +163,7 @@ impl LogWriter {
             .profile("ros2")
             .library(LIBRARY)
             .compression(options.compress.then_some(Compression::Zstd))
-            .compression_level(COMPRESSION_LEVEL)
+            .compression_level(options.compression_level)
             .compression_threads(0)
             .chunk_size(Some(CHUNK_BYTES))
             .disable_seeking(true)
@@ -227,10 +236,16 @@ impl LogWriter {
     ) -> Result<(), WriteError> {
         let time = |stamp: Stamp| u64::try_from(stamp.0).map_err(|_| schemas::StampError::NotRosTime(stamp.0));
         let (log_time, publish_time) = (time(log_time)?, time(publish_time)?);
+        let sequence = self.next_sequence(channel);
+        self.write_raw(channel, sequence, log_time, publish_time, data)
+    }
+
+    /// The number of the next message on a channel, from 0; counts on.
+    pub(crate) fn next_sequence(&mut self, channel: ChannelId) -> u32 {
         let next = self.next_sequence.entry(channel).or_insert(0);
         let sequence = *next;
         *next = sequence.wrapping_add(1);
-        self.write_raw(channel, sequence, log_time, publish_time, data)
+        sequence
     }
 
     /// Closes the chunk and brings it to the disk if `now` is a flush interval after the last time. Importers pass the
@@ -296,7 +311,12 @@ impl LogWriter {
     /// # Errors
     /// The file system refuses.
     pub fn metadata(&mut self, name: &str, values: BTreeMap<String, String>) -> Result<(), WriteError> {
-        let record = Metadata { name: name.to_owned(), metadata: metadata::seal(name, values) };
+        self.metadata_as_is(name, metadata::seal(name, values))
+    }
+
+    /// The same with whatever checksum the record has, or none: another program's record stays as it is.
+    pub(crate) fn metadata_as_is(&mut self, name: &str, values: BTreeMap<String, String>) -> Result<(), WriteError> {
+        let record = Metadata { name: name.to_owned(), metadata: values };
         self.writer.write_metadata(&record).map_err(|source| self.container_error(source))
     }
 

@@ -31,6 +31,13 @@ pub const IMPORT: &str = "pslam/import";
 /// Written by `recover`: what the damaged file had lost.
 pub const RECOVERY: &str = "pslam/recovery";
 
+/// What was done to a log after it was first written, under this prefix and a number from 1: one record an edit, the oldest
+/// first. Keys: `operation` (`slice`, `redact`, ...), `program`, `arguments` (JSON), `source/N/blake3` and `source/N/bytes`
+/// (the files it was made from, N from 0), `messages` (all counts) and `topic/NAME` (those of one topic): `kept` as they
+/// were, `changed`, `dropped`, `added`. Other records tell what was true when they were written; this one what happened
+/// since.
+pub const PROVENANCE_PREFIX: &str = "pslam/provenance/";
+
 /// How a live recording was made, written at its start. Its presence means that stamps follow the rule for recordings in
 /// [`crate::topics`]. Keys: `host_anchor_ns` (the host's timeline minus `CLOCK_MONOTONIC`, nanoseconds), `started` (host
 /// realtime, nanoseconds since 1970), `flush_interval_ns`, `encoding`, `clock` (whether the host says that its clock is

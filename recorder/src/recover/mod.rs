@@ -14,9 +14,11 @@ mod window;
 pub use report::{ChannelReport, Damage, RecoverReport};
 
 use crate::log_writer::{ChannelId, LogOptions, LogWriter, RawSchema, WriteError};
-pub(crate) use records::Cursor;
-use records::{ChannelDefinition, Content, SchemaDefinition, Summary};
+pub use records::SchemaDefinition;
+use records::{ChannelDefinition, Summary};
+pub(crate) use records::{Content, Cursor, MAGIC, parse};
 use scan::Found;
+pub(crate) use scan::{MAX_RECORD_BYTES, decompress};
 use schemas::metadata;
 use std::collections::BTreeMap;
 use std::io;
@@ -64,7 +66,7 @@ pub fn recover(damaged: &Path, out: &Path, force: bool) -> Result<RecoverReport,
     }
     let mut window = Window::open(damaged).map_err(read_error)?;
     let summary = Summary::read(&mut window).map_err(read_error)?;
-    let has_magic = window.get(0, records::MAGIC.len()).map_err(read_error)? == Some(records::MAGIC);
+    let has_magic = window.get(0, MAGIC.len()).map_err(read_error)? == Some(MAGIC);
     // Not `.partial`: that may be the very file to recover.
     let log = LogWriter::create_as(out, "recovering", &LogOptions { force, ..LogOptions::default() })?;
     let mut copy = Copy::new(log, summary);

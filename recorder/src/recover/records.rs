@@ -75,7 +75,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// Opcode and body of the next record.
-    fn record(&mut self) -> Option<(u8, &'a [u8])> {
+    pub fn record(&mut self) -> Option<(u8, &'a [u8])> {
         let opcode = self.u8()?;
         let len = usize::try_from(self.u64()?).ok()?;
         Some((opcode, self.take(len)?))
@@ -85,8 +85,11 @@ impl<'a> Cursor<'a> {
 /// A schema record.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SchemaDefinition {
+    /// Type, as `sensor_msgs/msg/Image`.
     pub name: String,
+    /// Language of the text, as `ros2msg`.
     pub encoding: String,
+    /// The definition.
     pub data: Vec<u8>,
 }
 
@@ -155,7 +158,8 @@ pub fn iterate(content: &[u8]) -> impl Iterator<Item = Option<Content<'_>>> {
     })
 }
 
-fn parse(opcode: u8, body: &[u8]) -> Option<Content<'_>> {
+/// A record that may stand in a chunk.
+pub fn parse(opcode: u8, body: &[u8]) -> Option<Content<'_>> {
     let mut cursor = Cursor(body);
     Some(match opcode {
         SCHEMA => {

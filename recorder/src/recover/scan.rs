@@ -17,7 +17,7 @@ const ATTACHMENT: u8 = 0x09;
 const CHUNK: u8 = 0x06;
 const METADATA: u8 = 0x0C;
 /// Larger records are not tried: writers keep chunks at a few MiB.
-const MAX_RECORD_BYTES: u64 = 256 << 20;
+pub const MAX_RECORD_BYTES: u64 = 256 << 20;
 const MAX_METADATA_BYTES: u64 = 16 << 20;
 /// Opcode and length before every record.
 pub const RECORD_HEAD: u64 = 9;
@@ -153,7 +153,8 @@ fn chunk_layouts(window: &mut Window, start: u64) -> io::Result<Vec<ChunkLayout>
     Ok(layouts)
 }
 
-fn decompress(compression: &str, bytes: &[u8]) -> Option<Vec<u8>> {
+/// A chunk's content; none if it cannot be unpacked or is larger than [`MAX_RECORD_BYTES`].
+pub fn decompress(compression: &str, bytes: &[u8]) -> Option<Vec<u8>> {
     let mut out = Vec::new();
     let read = match compression {
         "zstd" => zstd::Decoder::new(bytes).ok()?.take(MAX_RECORD_BYTES + 1).read_to_end(&mut out),
