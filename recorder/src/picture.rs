@@ -1,6 +1,7 @@
 //! PNG and JPEG files at the border of a log: checked when they come in, never changed more than needed.
 
 use std::io::Cursor;
+use zune_core::colorspace::ColorSpace;
 use zune_core::options::DecoderOptions;
 use zune_jpeg::JpegDecoder;
 
@@ -102,6 +103,51 @@ pub fn decode_rgb8(bytes: &[u8]) -> Result<(u32, u32, Vec<u8>), PictureError> {
         return Err(PictureError::Layout { found, wanted: "8-bit RGB" });
     }
     Ok((png.width, png.height, png.pixels))
+}
+
+/// 8-bit pixels of a colour or grey picture.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ColorPixels {
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Values a pixel: 3 (RGB) or 1 (grey).
+    pub channels: usize,
+    /// Rows joined.
+    pub data: Vec<u8>,
+}
+
+/// Reads a PNG or JPEG as every reader of a log does: the same pixels everywhere. JPEG is RGB, alpha is dropped.
+///
+/// # Errors
+/// A damaged file, or 16 bits a channel.
+pub fn decode_color(bytes: &[u8]) -> Result<ColorPixels, PictureError> {
+    if bytes.starts_with(&[0xFF, 0xD8]) {
+        let (width, height) = check_jpeg(bytes)?;
+        let options = DecoderOptions::new_safe().set_use_unsafe(false).jpeg_set_out_colorspace(ColorSpace::RGB);
+        let mut decoder = JpegDecoder::new_with_options(Cursor::new(bytes), options);
+        let data = decoder.decode().map_err(|error| PictureError::Damaged(format!("{error:?}")))?;
+        return Ok(ColorPixels { width, height, channels: 3, data });
+    }
+    let png = decode_png(bytes)?;
+    if png.depth != png::BitDepth::Eight {
+        let wanted = "8 bits a channel";
+        return Err(PictureError::Layout { found: format!("{:?} bits a channel", png.depth), wanted });
+    }
+    let (width, height) = (png.width, png.height);
+    let gray = png.color == png::ColorType::Grayscale;
+    let (channels, data) = if gray { (1, png.pixels) } else { (3, png.rgb8()) };
+    Ok(ColorPixels { width, height, channels, data })
+}
+
+/// A PNG of them, fast rather than small.
+///
+/// # Errors
+/// Sizes that do not fit the pixels.
+pub fn encode_color(pixels: &ColorPixels) -> Result<Vec<u8>, PictureError> {
+    let encode = if pixels.channels == 1 { encode_gray8 } else { encode_rgb8 };
+    encode(pixels.width, pixels.height, &pixels.data)
 }
 
 /// An 8-bit grey PNG, fast rather than small.

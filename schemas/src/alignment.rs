@@ -218,6 +218,15 @@ fn pixels_per_degree(camera: &Intrinsics) -> [f32; 2] {
 }
 
 impl Extrinsics {
+    /// As a log tells them, in the device's own precision.
+    #[must_use]
+    pub fn from_message(rig: &crate::msg::Extrinsics) -> Self {
+        let [a, b, c, d, e, f, g, h, i] = rig.rotation.map(|value| value as f32);
+        // Columns.
+        let rotation = [a, d, g, b, e, h, c, f, i];
+        Self { rotation, translation: rig.translation.map(|value| value as f32) }
+    }
+
     /// The point in the target frame, metres.
     #[must_use]
     pub fn transform(&self, [x, y, z]: [f32; 3]) -> [f32; 3] {
@@ -227,6 +236,22 @@ impl Extrinsics {
 }
 
 impl Intrinsics {
+    /// As a log tells them: what was written as 64 bits was 32 bits on the device. None for a lens that is not known.
+    #[must_use]
+    pub fn from_camera_info(info: &crate::msg::CameraInfo) -> Option<Self> {
+        let [fx, _, cx, _, fy, cy, ..] = info.k.map(|value| value as f32);
+        let mut coefficients = [0.0; 5];
+        coefficients.iter_mut().zip(&info.d).for_each(|(to, from)| *to = *from as f32);
+        let model = match info.distortion_model.as_str() {
+            "" | "none" => LensModel::None,
+            "plumb_bob" => LensModel::BrownConrady,
+            "modified_brown_conrady" => LensModel::ModifiedBrownConrady,
+            "inverse_brown_conrady" => LensModel::InverseBrownConrady,
+            _ => return None,
+        };
+        Some(Self { width: info.width, height: info.height, fx, fy, cx, cy, model, coefficients })
+    }
+
     /// Whether any coefficient does something.
     fn bends(&self) -> bool {
         self.model != LensModel::None && self.coefficients.iter().any(|coefficient| *coefficient != 0.0)

@@ -38,6 +38,11 @@ pub const RECOVERY: &str = "pslam/recovery";
 /// since.
 pub const PROVENANCE_PREFIX: &str = "pslam/provenance/";
 
+/// Written by `redact`: what was taken out of the pictures. Keys: `layer`, `classes`, `margin_px`, `neighbours`, `motion_px`,
+/// `bridge`, `method`, `block_px`, `doubtful` (as asked for), `frames`, `frames_redacted`, `share_mean`, `share_largest`
+/// (of a picture, 0..1), `pixels_by_frame`, `doubts` (JSON), `depth`, `masks`.
+pub const REDACTION: &str = "pslam/redaction";
+
 /// How a live recording was made, written at its start. Its presence means that stamps follow the rule for recordings in
 /// [`crate::topics`]. Keys: `host_anchor_ns` (the host's timeline minus `CLOCK_MONOTONIC`, nanoseconds), `started` (host
 /// realtime, nanoseconds since 1970), `flush_interval_ns`, `encoding`, `clock` (whether the host says that its clock is

@@ -7,18 +7,25 @@
 
 mod compress;
 mod filter;
+mod merge;
 mod output;
+pub mod redact;
 mod rewrite;
+mod slice;
 mod source;
 mod summary;
+mod survey;
 
 pub use crate::recover::SchemaDefinition;
 pub use compress::{Compress, Compressed, Level, compress};
 pub use filter::Filter;
+pub use merge::{LayerNames, merge};
 pub use output::{EditOptions, Output};
 pub use rewrite::{Edit, rewrite};
+pub use slice::{Cut, slice};
 pub use source::{Channel, Item, RawMessage, Source};
 pub use summary::{Counts, EditSummary, SourceFile};
+pub use survey::{Frame, Survey};
 
 use crate::log_writer::WriteError;
 use schemas::Stamp;
