@@ -19,7 +19,8 @@ pub use exit::{Outcome, Usage};
 const EXIT_CODES: &str = "\
 Exit codes:
   0  done, nothing to object to
-  1  the answer is no: a check or a verification failed, two runs differ, a recovery lost data
+  1  the answer is no: a check or a verification failed, two runs differ, a recovery lost data, a redaction
+     is in doubt
   2  the request makes no sense: unknown option, bad configuration, output exists and --force is not given
   3  a file is missing, damaged or cannot be written
 

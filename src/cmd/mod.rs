@@ -9,6 +9,7 @@ mod config;
 mod demo;
 mod devices;
 mod diff;
+mod edit;
 mod eval;
 mod import;
 mod info;
@@ -40,6 +41,16 @@ pub enum Command {
     Check(check::Check),
     /// Save every intact part of a damaged log; exit code 1 if something is lost.
     Recover(recover::Recover),
+    /// Cut a piece out of a log: by frames or time, and topics.
+    Slice(edit::Slice),
+    /// Put several logs into one.
+    Merge(edit::Merge),
+    /// Keep some topics of a log.
+    Filter(edit::Filter),
+    /// Pack a log smaller, or not at all, and prove that it holds the same.
+    Compress(edit::Compress),
+    /// Take people out of a log's pictures, depth and masks; exit code 1 if nobody can tell where they are.
+    Redact(Box<edit::Redact>),
     /// Print the configuration with its documentation.
     Config(config::Config),
     /// Run the SLAM over a log, frame by frame, and write down everything.
@@ -81,6 +92,11 @@ impl Command {
             Self::Info(command) => command.run(),
             Self::Check(command) => command.run(),
             Self::Recover(command) => command.run(),
+            Self::Slice(command) => command.run(progress),
+            Self::Merge(command) => command.run(progress),
+            Self::Filter(command) => command.run(progress),
+            Self::Compress(command) => command.run(progress),
+            Self::Redact(command) => command.run(progress),
             Self::Config(command) => command.run(),
             Self::Replay(command) => command.run(progress),
             Self::Verify(command) => command.run(progress),

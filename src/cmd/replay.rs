@@ -74,7 +74,7 @@ fn sensor(text: &str) -> Result<SensorChoice, String> {
 }
 
 /// `A..B`, `A..`, `..B`; a range without frames makes no sense.
-fn frames(text: &str) -> Result<Range<usize>, String> {
+pub(super) fn frames(text: &str) -> Result<Range<usize>, String> {
     let wrong = || format!("`{text}` is not a range of frames like 100..200");
     let (start, end) = text.split_once("..").ok_or_else(wrong)?;
     let number = |text: &str, default| if text.is_empty() { Ok(default) } else { text.parse().map_err(|_| wrong()) };

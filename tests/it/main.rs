@@ -6,6 +6,7 @@ mod cli;
 mod dark;
 mod data;
 mod determinism;
+mod edit;
 mod layers;
 mod record;
 mod repo_lint;

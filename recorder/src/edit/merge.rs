@@ -205,7 +205,9 @@ impl<'a> Merge<'a> {
             if SINGLE.contains(&name.as_str()) || layer.is_some() {
                 let help = if layer.is_some() { "give one layer another name" } else { "they do not belong together" };
                 let log = number + 1;
-                return Err(EditError::Refused(format!("record {name} of log {log} says otherwise than before: {help}")));
+                return Err(EditError::Refused(format!(
+                    "record {name} of log {log} says otherwise than before: {help}"
+                )));
             }
             name = merged_name(&name, number);
         }
@@ -276,7 +278,9 @@ impl<'a> Merge<'a> {
             return Ok(());
         }
         let log = number + 1;
-        Err(EditError::Refused(format!("{topic} of log {log} says otherwise than before: these are not one camera or layer")))
+        Err(EditError::Refused(format!(
+            "{topic} of log {log} says otherwise than before: these are not one camera or layer"
+        )))
     }
 
     /// Whether another log had this very message. Another one of the same stamp is a conflict.

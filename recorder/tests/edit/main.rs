@@ -3,4 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod core;
+mod merge;
+mod redact;
+mod slice;
 mod support;

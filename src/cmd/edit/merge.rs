@@ -38,7 +38,11 @@ impl Merge {
         for (number, old, new) in &self.rename_layer {
             if *number >= self.logs.len() || layers.insert((*number, old.clone()), new.clone()).is_some() {
                 let count = self.logs.len();
-                return Err(Usage(format!("--rename-layer {}:{old}: one new name a layer of {count} logs", number + 1)).into());
+                return Err(Usage(format!(
+                    "--rename-layer {}:{old}: one new name a layer of {count} logs",
+                    number + 1
+                ))
+                .into());
             }
         }
         let names = self.rename_layer.iter().map(|(number, old, new)| format!("{}:{old}={new}", number + 1));

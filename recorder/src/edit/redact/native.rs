@@ -54,3 +54,48 @@ impl NativeDepth {
         rows.into_iter().all(|row| columns.clone().all(|column| !cover.has(row * cover.width + column)))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::area::Area;
+    use super::*;
+
+    const SIZE: (usize, usize) = (64, 48);
+
+    fn info() -> CameraInfo {
+        let k = [50.0, 0.0, 32.0, 0.0, 50.0, 24.0, 0.0, 0.0, 1.0];
+        CameraInfo { width: SIZE.0 as u32, height: SIZE.1 as u32, k, ..CameraInfo::default() }
+    }
+
+    fn rig(x_m: f64) -> ExtrinsicsMessage {
+        let rotation = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+        ExtrinsicsMessage { rotation, translation: [x_m, 0.0, 0.0], ..ExtrinsicsMessage::default() }
+    }
+
+    #[test]
+    fn a_measurement_goes_where_its_point_is_redacted() {
+        // Redacted in colour: columns 40 to 49. The depth camera sits 0.1 m to the left: at 1 m it sees the same point 5
+        // pixels before, at 5 m one pixel.
+        let mut mask = vec![0; SIZE.0 * SIZE.1];
+        mask.iter_mut().enumerate().filter(|(i, _)| (40..50).contains(&(i % SIZE.0))).for_each(|(_, value)| *value = 1);
+        let cover = Cover::of(SIZE, &[(Area::new(&mask, SIZE.0, &|value| value == 1), 0)]);
+        let native = NativeDepth::new(&info(), &info(), &rig(0.1), 0.001).unwrap();
+        for (units, shift) in [(1000, 5), (5000, 1)] {
+            let covered = native.covered(&vec![units; SIZE.0 * SIZE.1], &cover);
+            let row = &covered[24 * SIZE.0..25 * SIZE.0];
+            for (column, gone) in row.iter().enumerate() {
+                let seen = column + shift;
+                if (40..50).contains(&seen) || seen >= SIZE.0 {
+                    assert!(gone, "{units} column {column}");
+                }
+                if seen + 1 < 40 || (51..SIZE.0 - 1).contains(&seen) {
+                    assert!(!gone, "{units} column {column}");
+                }
+            }
+        }
+        // Nothing measured, nothing to take away; a lens that is not known is not guessed.
+        assert!(!native.covered(&vec![0; SIZE.0 * SIZE.1], &cover).contains(&true));
+        let odd = CameraInfo { distortion_model: "fisheye".to_owned(), ..info() };
+        assert!(NativeDepth::new(&odd, &info(), &rig(0.1), 0.001).is_none());
+    }
+}
