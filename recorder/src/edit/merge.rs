@@ -98,7 +98,7 @@ impl<'a> Merge<'a> {
             let next = (0..sources.len()).filter(|n| time(n).is_some()).min_by_key(|n| (time(n), *n));
             let Some(number) = next else { break };
             if let Some(message) = self.heads[number].take() {
-                self.message(number, message, out)?;
+                self.message(number, &message, out)?;
             }
             self.advance(number, &mut sources[number], out)?;
             progress(sources.iter().map(Source::offset).sum(), all);
@@ -222,14 +222,14 @@ impl<'a> Merge<'a> {
         out.keep_metadata(&name, sealed)
     }
 
-    fn message(&mut self, number: usize, message: RawMessage<'_>, out: &mut Output) -> Result<(), EditError> {
-        out.begin(number, &message);
+    fn message(&mut self, number: usize, message: &RawMessage<'_>, out: &mut Output) -> Result<(), EditError> {
+        out.begin(number, message);
         let topic = self.topic(number, message.topic());
-        let data = self.contents(number, &message, &topic)?;
-        if !self.is_duplicate(number, &topic, &message, &data)? {
-            if data == message.data { out.keep(&message)? } else { out.replace(&message, &data)? }
+        let data = self.contents(number, message, &topic)?;
+        if !self.is_duplicate(number, &topic, message, &data)? {
+            if data == message.data { out.keep(message)? } else { out.replace(message, &data)? }
         }
-        out.end(&message);
+        out.end(message);
         Ok(())
     }
 
@@ -252,7 +252,7 @@ impl<'a> Merge<'a> {
                     table.layer = layer;
                     data = Cow::Owned(table.encode());
                 }
-                self.state(number, topic, CategoryTable { header: Header::default(), ..table }.encode())?;
+                self.state(number, topic, &CategoryTable { header: Header::default(), ..table }.encode())?;
             }
             Some("segments") => {
                 if let Some(layer) = new {
@@ -262,19 +262,19 @@ impl<'a> Merge<'a> {
             }
             _ if [COLOR_INFO, DEPTH_INFO, RIGHT_INFO, DEPTH_NATIVE_INFO].contains(&topic) => {
                 let info: CameraInfo = message.decode().map_err(error)?;
-                self.state(number, topic, CameraInfo { header: Header::default(), ..info }.encode())?;
+                self.state(number, topic, &CameraInfo { header: Header::default(), ..info }.encode())?;
             }
             _ => {}
         }
         Ok(data)
     }
 
-    fn state(&mut self, number: usize, topic: &str, state: Vec<u8>) -> Result<(), EditError> {
+    fn state(&mut self, number: usize, topic: &str, state: &[u8]) -> Result<(), EditError> {
         if !self.shared.contains_key(topic) {
             return Ok(());
         }
-        let known = self.states.entry(topic.to_owned()).or_insert_with(|| state.clone());
-        if *known == state {
+        let known = self.states.entry(topic.to_owned()).or_insert_with(|| state.to_vec());
+        if known == state {
             return Ok(());
         }
         let log = number + 1;

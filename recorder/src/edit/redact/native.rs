@@ -45,7 +45,7 @@ impl NativeDepth {
         });
         let [Some([u0, v0]), Some([u1, v1])] = corners else { return false };
         let range = |a: f32, b: f32, end: usize| {
-            let (first, last) = (a.min(b).round(), a.max(b).round());
+            let (first, last) = if a <= b { (a.round(), b.round()) } else { (b.round(), a.round()) };
             (first >= 0.0 && last < end as f32).then_some(first as usize..=last as usize)
         };
         let (Some(columns), Some(rows)) = (range(u0, u1, cover.width), range(v0, v1, cover.height)) else {

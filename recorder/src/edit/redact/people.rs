@@ -3,7 +3,7 @@
 use super::RedactOptions;
 use super::area::{Area, Cover, Packed};
 use crate::edit::{EditError, Frame, RawMessage};
-use schemas::msg::{CategoryTable, Image, SCORE_UNKNOWN, SegmentTable};
+use schemas::msg::{CategoryTable, Image, SegmentTable};
 use schemas::topics::LayerTopics;
 use schemas::{Stamp, panoptic};
 use serde::Serialize;
@@ -99,7 +99,8 @@ impl People {
             let table: SegmentTable = message.decode().map_err(error)?;
             let ids = self.ids.clone().unwrap_or_default();
             let scores = table.segments.iter().filter(|s| ids.contains(&s.category_id)).map(|s| s.score);
-            let known = scores.filter(|score| *score != SCORE_UNKNOWN && score.is_finite());
+            // An unknown score is negative.
+            let known = scores.filter(|score| *score >= 0.0);
             if let Some(lowest) = known.min_by(f32::total_cmp) {
                 self.lowest_score.insert(table.header.stamp.into(), lowest);
             }
