@@ -5,6 +5,7 @@ use recorder::capture::RecordError;
 use recorder::edit::EditError;
 use recorder::recover::RecoverError;
 use replayer::OutputError;
+use replayer::VocabularyFileError;
 use replayer::eval::EvalError;
 use replayer::run::RunError;
 use slam::ConfigError;
@@ -84,6 +85,8 @@ fn is_usage(cause: &(dyn Error + 'static)) -> bool {
 fn is_run_usage(error: &RunError) -> bool {
     match error {
         RunError::Range { .. } | RunError::NotARun(_) | RunError::Unfinished(_) | RunError::NoInspection => true,
+        RunError::SaveFrame { .. } | RunError::OtherState { .. } => true,
+        RunError::Vocabulary(error) => matches!(error, VocabularyFileError::Digest { .. }),
         // Transparent errors are not links of the chain of their own.
         RunError::Config(_) => true,
         RunError::Output(error) => matches!(error, OutputError::Exists { .. }),

@@ -10,6 +10,8 @@ pub mod plot;
 pub mod run;
 pub mod stopwatch;
 mod truth;
+mod vocabulary;
 
 pub use output::{OutputError, write_file};
 pub use truth::{TruthError, read_truth};
+pub use vocabulary::VocabularyFileError;

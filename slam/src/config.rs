@@ -196,6 +196,10 @@ sections! {
     LoopingConfig {
         /// Close loops within a map. Maps are joined in any case.
         enabled: bool,
+        /// File with a vocabulary of binary words to find places by, for whoever makes the slam; empty: none.
+        vocabulary: String,
+        /// Score by words, as a share of that of the best neighbour, below which a keyframe is no candidate.
+        min_word_share: f64,
         /// Keyframes that a map needs before it is searched for loops.
         min_keyframes: usize,
         /// Places verified per keyframe, of the own map and of others each.

@@ -2,11 +2,12 @@
 
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
 use slam_math::{FrameId, Stamp};
 use slam_vision::{Camera, GrayImage};
 
 /// Depth image registered to the colour camera.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DepthImage {
     /// Pixels per row.
     pub width: usize,

@@ -32,7 +32,7 @@ pub mod tracking;
 pub use config::{Config, ConfigError};
 pub use input::{Category, DepthImage, FrameInput, PanopticMask, Segment, Sensor, Setup};
 pub use pipeline::{
-    Executor, FrontEnd, Inline, Job, JobKind, JobResult, Observer, Slam, SlamError, Ticket, TrajectoryPose, Unobserved,
-    Work,
+    Executor, FrontEnd, Inline, Job, JobKind, JobResult, Observer, Slam, SlamError, State, Ticket, TrajectoryPose,
+    Unobserved, Work,
 };
 pub use report::FrameReport;

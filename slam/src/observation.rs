@@ -1,5 +1,6 @@
 //! What the sensor said about one frame: keypoints with their depth and label. Never changes after it is made.
 
+use serde::{Deserialize, Serialize};
 use slam_math::DigestWriter;
 use slam_vision::{Camera, Descriptor, Features, KeypointGrid};
 
@@ -7,7 +8,7 @@ use crate::config::SensorConfig;
 use crate::input::{DepthImage, FrameInput, PanopticMask};
 
 /// One entry a keypoint, arrays side by side.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Observation {
     /// Pixels as recorded (with lens distortion).
     pub raw_pixel: Vec<[f64; 2]>,

@@ -1,9 +1,10 @@
 //! What the slam says about one frame: every intermediate state, in plain values.
 
+use serde::{Deserialize, Serialize};
 use slam_math::{Digest, FrameId, KeyFrameId, MapId, MapPointId, Se3, Stamp};
 
 /// Tracking state after a frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum TrackingState {
     /// No map yet.
     #[default]
@@ -17,7 +18,7 @@ pub enum TrackingState {
 }
 
 /// What a keypoint lies on, by the segmentation.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum KeypointClass {
     /// On Stuff: the unmovable background.
@@ -109,7 +110,7 @@ pub struct KeypointReport {
 }
 
 /// State of a tracked region of the picture (a Thing, a person, or a connected unknown area).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum RegionState {
     /// Not confirmed yet: filtered.

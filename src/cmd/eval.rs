@@ -1,9 +1,12 @@
 //! `pslam eval`.
 
 use crate::{Outcome, Usage, stdout};
-use replayer::eval::{Alignment, DeltaUnit, EvalOptions, RpeOptions, evaluate};
+use replayer::eval::{Alignment, DeltaUnit, EvalOptions, Evaluation, RpeOptions, evaluate};
 use replayer::plot::{PlotEstimate, trajectories_svg};
+use replayer::run::MapFrames;
 use replayer::{read_truth, write_file};
+use serde::Serialize;
+use std::fmt;
 use std::path::PathBuf;
 
 /// Arguments.
@@ -45,6 +48,26 @@ pub struct Eval {
     json: bool,
 }
 
+/// The errors, and what they do not cover.
+#[derive(Serialize)]
+struct Judgement {
+    #[serde(flatten)]
+    evaluation: Evaluation,
+    never_joined: Vec<MapFrames>,
+}
+
+impl fmt::Display for Judgement {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for MapFrames { map, frames } in &self.never_joined {
+            writeln!(
+                f,
+                "not judged: {frames} frames of map{map}, which was never joined to the map of the trajectory"
+            )?;
+        }
+        write!(f, "{}", self.evaluation)
+    }
+}
+
 impl Eval {
     /// What was asked for, else what the sensor needs.
     fn alignment(&self, sensor: Option<&str>) -> Alignment {
@@ -83,7 +106,7 @@ impl Eval {
             let svg = trajectories_svg(&name, &truth, &[PlotEstimate::new(&name, &evaluation)]);
             write_file(path, svg.as_bytes(), self.force)?;
         }
-        stdout::either(self.json, &evaluation)?;
+        stdout::either(self.json, &Judgement { evaluation, never_joined: estimate.never_joined })?;
         Ok(Outcome::Good)
     }
 }

@@ -22,6 +22,13 @@ pub struct Replay {
     /// Overwrite an earlier run.
     #[arg(long)]
     force: bool,
+    /// Save the whole state before this frame of the log, and go on.
+    #[arg(long, value_name = "FRAME:FILE", value_parser = save_state)]
+    save_state: Option<(usize, PathBuf)>,
+    /// Go on from a saved state: the run becomes the same as without, but for replay.rrd, which begins there. Wants the same
+    /// log, configuration and first frame.
+    #[arg(long, value_name = "FILE")]
+    resume: Option<PathBuf>,
     #[command(flatten)]
     how: How,
     /// Print JSON.
@@ -73,6 +80,13 @@ fn sensor(text: &str) -> Result<SensorChoice, String> {
     }
 }
 
+/// `FRAME:FILE`.
+fn save_state(text: &str) -> Result<(usize, PathBuf), String> {
+    let parts = text.split_once(':').filter(|(_, file)| !file.is_empty());
+    let parts = parts.and_then(|(frame, file)| Some((frame.parse().ok()?, PathBuf::from(file))));
+    parts.ok_or_else(|| format!("`{text}` is not a frame and a file like 120:run.state"))
+}
+
 /// `A..B`, `A..`, `..B`; a range without frames makes no sense.
 pub(super) fn frames(text: &str) -> Result<Range<usize>, String> {
     let wrong = || format!("`{text}` is not a range of frames like 100..200");
@@ -84,7 +98,8 @@ pub(super) fn frames(text: &str) -> Result<Range<usize>, String> {
 
 impl Replay {
     pub(super) fn run(self, progress: Progress) -> anyhow::Result<Outcome> {
-        let options = ReplayOptions { force: self.force, rrd: self.rrd, ..self.how.options()? };
+        let Self { force, rrd, save_state, resume, .. } = self;
+        let options = ReplayOptions { force, rrd, save_state, resume, ..self.how.options()? };
         let bar = progress.bar("replaying");
         let summary = replay(&self.log, &self.out, &options, &mut |done, all| progress::update(&bar, done, all))?;
         bar.finish_and_clear();
@@ -96,6 +111,14 @@ impl Replay {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_state_has_a_frame_and_a_file() {
+        assert_eq!(save_state("12:a:b"), Ok((12, PathBuf::from("a:b"))));
+        for wrong in ["", "12", "12:", ":file", "x:file"] {
+            assert!(save_state(wrong).is_err(), "{wrong}");
+        }
+    }
 
     #[test]
     fn ranges_may_be_open() {

@@ -11,5 +11,7 @@ mod layers;
 mod record;
 mod repo_lint;
 mod sim;
+mod state;
 mod suite;
 mod support;
+mod vocabulary;

@@ -9,14 +9,14 @@ use slam::{FrameInput, Setup};
 use slam_math::{FrameId, Stamp};
 use slam_vision::Workspace;
 
-use super::drive::{Drive, Outcome, Stepped, drive};
+use super::drive::{Drive, Outcome, Stepped, Stops, drive};
 use super::records::{Block, RecordWriter, RunHeader};
 use super::source::Source;
 use super::workers::{FrameTask, Prepared, with_workers};
 use super::{Progress, ReplayOptions, RunError, Timing};
 use crate::eval::Trajectory;
-use crate::log::Log;
 use crate::stopwatch::{Stopwatch, resident_memory_bytes};
+use crate::vocabulary::VocabularyFile;
 
 /// How often the growth of memory is looked at.
 const SIZES: usize = 10;
@@ -75,8 +75,9 @@ impl fmt::Display for BenchReport {
 /// # Errors
 /// As [`super::replay`], but for writing.
 pub fn trajectory(log: &Path, options: &ReplayOptions, progress: Progress<'_>) -> Result<Trajectory, RunError> {
-    let source = Source::new(Log::open(log)?, &options.config, options.layer.as_deref(), options.frames.clone())?;
-    let outcome = drive(&source, options.threads, options.unrest.as_ref(), progress, &mut |_| Ok(true))?;
+    let source = Source::open(log, options)?;
+    let outcome =
+        drive(&source, options.threads, options.unrest.as_ref(), Stops::default(), progress, &mut |_| Ok(true))?;
     Ok(outcome.expect("the replay is never ended early").trajectory)
 }
 
@@ -86,10 +87,11 @@ pub fn trajectory(log: &Path, options: &ReplayOptions, progress: Progress<'_>) -
 /// As [`super::replay`], but for writing.
 pub fn bench(log: &Path, options: &ReplayOptions, progress: Progress<'_>) -> Result<BenchReport, RunError> {
     let mut watch = Stopwatch::start();
-    let source = Source::new(Log::open(log)?, &options.config, options.layer.as_deref(), options.frames.clone())?;
+    let source = Source::open(log, options)?;
     let open_s = watch.lap().as_secs_f64();
     let mut meter = Meter::new(Some(source.header()), source.range.len());
-    let outcome = drive(&source, options.threads, options.unrest.as_ref(), progress, &mut |s| meter.frame(s))?;
+    let (unrest, stops) = (options.unrest.as_ref(), Stops::default());
+    let outcome = drive(&source, options.threads, unrest, stops, progress, &mut |s| meter.frame(s))?;
     Ok(meter.finish(log.display().to_string(), options, open_s, &outcome.expect("the replay is never ended early")))
 }
 
@@ -106,7 +108,8 @@ pub fn bench_looped(
     options: &ReplayOptions,
     progress: Progress<'_>,
 ) -> Result<BenchReport, RunError> {
-    let drive = Drive::new(&options.config, setup, count)?;
+    let vocabulary = VocabularyFile::named(&options.config.looping.vocabulary)?.map(|file| file.vocabulary);
+    let drive = Drive::new(&options.config, setup, vocabulary, count)?;
     let front_end = drive.slam.front_end().clone();
     let mut feed = (0..count).map(|index| {
         let front_end = &front_end;

@@ -1,16 +1,20 @@
 //! The loop: every frame of the range, in order, through the slam.
 
-use std::collections::BTreeMap;
+use std::borrow::Cow;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use slam::map::MapProblem;
 use slam::report::{Event, TrackingState};
 use slam::{Config, FrameReport, FrontEnd, Setup, Slam, TrajectoryPose};
 use slam_math::{FrameId, MapId, Se3};
-use slam_vision::Workspace;
+use slam_vision::{Vocabulary, Workspace};
 
 use super::records::{FrameEntry, RunEnd, digest_of};
 use super::source::Source;
+use super::state::Saved;
 use super::summary::{MapFrames, RunEvent, RunResult};
 use super::timing::{Clock, Timing};
 use super::workers::{Foreman, FrameTask, Prepared, Unrest, with_workers};
@@ -29,6 +33,17 @@ pub(super) struct Stepped<'a> {
     pub report: &'a FrameReport,
     pub entry: FrameEntry,
     pub slam: &'a Slam,
+    /// The state after this frame, where it was asked for.
+    pub state: Option<Vec<u8>>,
+}
+
+/// Where a replay begins and where it shows its state.
+#[derive(Default)]
+pub(super) struct Stops {
+    /// Not at the first frame but with a state, from this file.
+    pub from: Option<(PathBuf, Saved<'static>)>,
+    /// Before this frame of the run.
+    pub save_before: Option<usize>,
 }
 
 /// A whole replay.
@@ -55,14 +70,21 @@ pub(super) fn drive(
     source: &Source,
     threads: usize,
     unrest: Option<&Unrest>,
+    stops: Stops,
     progress: Progress<'_>,
     each: Each<'_>,
 ) -> Result<Option<Outcome>, RunError> {
-    let mut drive = Drive::new(&source.config, &source.setup, source.range.len())?;
+    let vocabulary = source.vocabulary.as_ref().map(|file| file.vocabulary.clone());
+    let mut drive = Drive::new(&source.config, &source.setup, vocabulary, source.range.len())?;
     drive.slam_from_recorded = source.rig.slam_from_recorded;
-    source.notes.iter().for_each(|note| drive.tally.event(None, note));
+    drive.save_before = stops.save_before;
+    match stops.from {
+        Some((path, saved)) => drive = drive.resumed(&path, saved)?,
+        None => source.notes.iter().for_each(|note| drive.tally.event(None, note)),
+    }
     let front_end = drive.slam.front_end().clone();
-    let mut feed = source.timeline.stream(source.range.clone())?.map(|raw| {
+    let frames = source.range.start + drive.slam.frame_count()..source.range.end;
+    let mut feed = source.timeline.stream(frames)?.map(|raw| {
         let (raw, front_end) = (raw?, &front_end);
         Ok(Box::new(move |workspace: &mut Workspace| prepare(source, front_end, raw, workspace)) as FrameTask<'_>)
     });
@@ -78,15 +100,28 @@ pub(super) struct Drive {
     frames: usize,
     /// Trajectories are those of the camera as it records, whatever way the slam's pictures were turned.
     pub slam_from_recorded: Se3,
+    save_before: Option<usize>,
 }
 
 impl Drive {
-    pub fn new(config: &Config, setup: &Setup, frames: usize) -> Result<Self, RunError> {
+    pub fn new(
+        config: &Config,
+        setup: &Setup,
+        vocabulary: Option<Arc<Vocabulary>>,
+        frames: usize,
+    ) -> Result<Self, RunError> {
         let clock = Clock::start();
-        let slam = Slam::new(config, setup)?;
+        let slam = Slam::new(config, setup)?.with_vocabulary(vocabulary);
         let mut tally = Tally::default();
         setup.sensor.name().clone_into(&mut tally.result.sensor);
-        Ok(Self { slam, clock, tally, frames, slam_from_recorded: Se3::identity() })
+        Ok(Self { slam, clock, tally, frames, slam_from_recorded: Se3::identity(), save_before: None })
+    }
+
+    fn resumed(mut self, path: &Path, saved: Saved<'static>) -> Result<Self, RunError> {
+        let wrong = |problem: MapProblem| RunError::State { path: path.to_owned(), reason: problem.to_string() };
+        self.slam = self.slam.resumed(saved.slam).map_err(wrong)?;
+        self.tally.result = saved.result.into_owned();
+        Ok(self)
     }
 
     /// Takes all frames of the foreman.
@@ -97,7 +132,7 @@ impl Drive {
         progress: Progress<'_>,
         each: Each<'_>,
     ) -> Result<Option<Outcome>, RunError> {
-        let Self { slam, clock, tally, frames, .. } = &mut self;
+        let Self { slam, clock, tally, frames, save_before, .. } = &mut self;
         while let Some(prepared) = foreman.next_frame()? {
             clock.frame(prepared.decode_time, prepared.features_time);
             let mut report = slam.step(&prepared.input, prepared.observation.clone(), foreman, clock)?;
@@ -105,7 +140,12 @@ impl Drive {
             report.events.splice(0..0, prepared.events.iter().cloned());
             tally.frame(&report);
             let entry = FrameEntry::from(&report);
-            if !each(&Stepped { prepared: &prepared, report: &report, entry, slam })? {
+            let mut state = None;
+            if *save_before == Some(slam.frame_count()) {
+                let saved = Saved { result: Cow::Borrowed(&tally.result), slam: slam.state(foreman)? };
+                state = Some(saved.encode());
+            }
+            if !each(&Stepped { prepared: &prepared, report: &report, entry, slam, state })? {
                 return Ok(None);
             }
             progress(tally.result.frames, *frames);
@@ -135,11 +175,6 @@ fn prepare(
 #[derive(Default)]
 struct Tally {
     result: RunResult,
-    /// Poses as the slam reported them. Their map is the one of that moment: after two maps were joined, poses reported
-    /// before are still in the frame of the old one.
-    online: Vec<TrajectoryPose>,
-    lost: Vec<FrameId>,
-    states: BTreeMap<&'static str, usize>,
 }
 
 impl Tally {
@@ -155,27 +190,34 @@ impl Tally {
 
     fn frame(&mut self, report: &FrameReport) {
         self.result.frames += 1;
-        *self.states.entry(state_name(report.state)).or_default() += 1;
-        let (id, stamp, map) = (report.id, report.stamp, report.map);
-        match report.camera_from_world {
-            Some(pose) => self.online.push(TrajectoryPose { id, stamp, map, world_from_camera: pose.inverse() }),
-            None => self.lost.push(id),
-        }
+        *self.result.states.entry(state_name(report.state).to_owned()).or_default() += 1;
         report.events.iter().for_each(|event| self.event(Some(report.id.0), event));
     }
 
-    fn finish(self, slam: &Slam, slam_from_recorded: &Se3, timing: Timing) -> Outcome {
+    fn finish(mut self, slam: &Slam, slam_from_recorded: &Se3, timing: Timing) -> Outcome {
         let recorded = |pose: TrajectoryPose| TrajectoryPose {
             world_from_camera: pose.world_from_camera * *slam_from_recorded,
             ..pose
         };
         let path = MainPath::of(slam.trajectory().map(recorded));
-        let online = MainPath::of(self.online.iter().copied().map(recorded));
+        // The map of a pose is the one of that moment: after two maps were joined, poses reported before are still in the
+        // frame of the old one.
+        let online = MainPath::of(slam.online_trajectory().map(recorded));
+        let tracked: BTreeSet<FrameId> = slam.online_trajectory().map(|pose| pose.id).collect();
+        let lost: Vec<FrameId> =
+            (0..slam.frame_count()).map(FrameId::from).filter(|id| !tracked.contains(id)).collect();
+        for (part, frames) in path.maps.iter().filter(|(part, _)| Some(**part) != path.main) {
+            let main = path.main.unwrap_or_default();
+            let text = format!(
+                "{part} was never joined to {main}: the {frames} frames in it have no place in that frame of reference and \
+                 are not in the trajectory"
+            );
+            self.event(None, &Event { warning: true, text });
+        }
         let result = RunResult {
-            tracked: self.online.len(),
-            lost: self.lost.len(),
-            lost_frames: ranges(&self.lost),
-            states: self.states.into_iter().map(|(state, n)| (state.to_owned(), n)).collect(),
+            tracked: tracked.len(),
+            lost: lost.len(),
+            lost_frames: ranges(&lost),
             maps: path.maps.iter().map(|(map, frames)| MapFrames { map: map.0, frames: *frames }).collect(),
             main_map: path.main.map(|map| map.0),
             in_trajectory: path.trajectory.poses.len(),

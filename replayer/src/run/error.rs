@@ -78,6 +78,35 @@ pub enum RunError {
         /// The hash in the records.
         wanted: String,
     },
+    /// The vocabulary that the configuration names.
+    #[error(transparent)]
+    Vocabulary(#[from] crate::vocabulary::VocabularyFileError),
+    /// A saved state that can't be taken up.
+    #[error("{}: this state can't be taken up: {reason}; save it again with this program", path.display())]
+    State {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        reason: String,
+    },
+    /// A state of another log, configuration or program.
+    #[error("{} is the state of another run (there, here):\n{differences}", path.display())]
+    OtherState {
+        /// The file.
+        path: PathBuf,
+        /// What differs.
+        differences: String,
+    },
+    /// A state is to be saved where no frame is.
+    #[error("there is no state to save before frame {frame}: the replay has the frames {start}..{end}")]
+    SaveFrame {
+        /// Frame of the log.
+        frame: usize,
+        /// First frame of the replay.
+        start: usize,
+        /// Frame after its last one.
+        end: usize,
+    },
     /// Worker threads cannot be started.
     #[error("{0}")]
     Threads(String),

@@ -32,15 +32,14 @@ mod inspection;
 pub mod records;
 mod rig;
 mod source;
+mod state;
 mod summary;
 mod timing;
 mod verify;
 mod workers;
 
-use std::fs::File;
-use std::io::{BufWriter, Write as _};
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use slam::Config;
 
@@ -53,12 +52,11 @@ pub use timing::{StageTime, Timing};
 pub use verify::{VerifyReport, verify};
 pub use workers::Unrest;
 
-use crate::log::Log;
-use crate::write_file;
-use drive::drive;
+use crate::{OutputError, write_file};
+use drive::{Stops, drive};
 use folder::RunFolder;
 use inspection::Inspection;
-use records::{Block, RecordWriter};
+use records::{Block, RecordFile};
 use source::Source;
 
 /// Name and version of the program, part of the fingerprint.
@@ -95,6 +93,11 @@ pub struct ReplayOptions {
     pub force: bool,
     /// Write the inspection file too.
     pub rrd: bool,
+    /// Save the state before a frame of the log into a file; the replay goes on.
+    pub save_state: Option<(usize, PathBuf)>,
+    /// Take up a saved state instead of starting at the first frame. The run becomes the same as without; only the inspection
+    /// file begins there.
+    pub resume: Option<PathBuf>,
     /// For tests.
     pub unrest: Option<Unrest>,
 }
@@ -109,6 +112,8 @@ impl Default for ReplayOptions {
             layer: None,
             force: false,
             rrd: false,
+            save_state: None,
+            resume: None,
             unrest: None,
         }
     }
@@ -117,8 +122,8 @@ impl Default for ReplayOptions {
 /// Replays a log into a new folder. `progress` is told how many frames are done, and of how many.
 ///
 /// # Errors
-/// An unreadable log or frame, an empty range, or a folder that cannot be written. The folder appears only when all is
-/// well.
+/// An unreadable log or frame, an empty range, a state that is not of this run, or a folder that cannot be written. The
+/// folder appears only when all is well.
 pub fn replay(
     log: &Path,
     out_dir: &Path,
@@ -126,34 +131,39 @@ pub fn replay(
     progress: Progress<'_>,
 ) -> Result<RunSummary, RunError> {
     let folder = RunFolder::create(out_dir, options.force)?;
-    let source = Source::new(Log::open(log)?, &options.config, options.layer.as_deref(), options.frames.clone())?;
+    let source = Source::open(log, options)?;
+    let save_before = save_before(options, &source.range)?;
     let mut inspection = Inspection::create(options.rrd, &folder, &source)?;
-
-    let records_path = folder.file(RECORDS_BIN);
-    let mut file = BufWriter::new(File::create(&records_path).map_err(RunError::io(&records_path))?);
-    let mut writer = RecordWriter::default();
-    let mut write = |bytes: &[u8]| file.write_all(bytes).map_err(RunError::io(&records_path));
     let header = source.header();
-    write(&RecordWriter::preamble())?;
-    write(&writer.block(&Block::Header(header.clone())))?;
-    let outcome = drive(&source, options.threads, options.unrest.as_ref(), progress, &mut |stepped| {
+    let mut records = RecordFile::create(folder.file(RECORDS_BIN), &header)?;
+    let mut load = |path: &PathBuf| -> Result<_, RunError> {
+        let saved = state::load(path, &header, &mut |entry| records.block(&Block::Frame(entry)))?;
+        Ok((path.clone(), saved))
+    };
+    let from = options.resume.as_ref().map(&mut load).transpose()?;
+    let resumed_at = from.as_ref().map(|(_, saved)| source.range.start + saved.slam.frames());
+    let stops = Stops { from, save_before };
+    let outcome = drive(&source, options.threads, options.unrest.as_ref(), stops, progress, &mut |stepped| {
         inspection.frame(stepped)?;
-        write(&writer.block(&Block::Frame(stepped.entry.clone())))?;
+        records.block(&Block::Frame(stepped.entry.clone()))?;
+        if let (Some(state), Some((_, path))) = (&stepped.state, &options.save_state) {
+            let records = records.flushed()?;
+            state::save(path, options.force, records, stepped.slam.frame_count(), state)?;
+        }
         Ok(true)
     })?;
     let outcome = outcome.expect("the replay is never ended early");
-    write(&writer.block(&Block::End(outcome.end())))?;
-    file.into_inner()
-        .map_err(|error| error.into_error())
-        .and_then(|file| file.sync_all())
-        .map_err(RunError::io(&records_path))?;
+    records.block(&Block::End(outcome.end()))?;
+    let fingerprint = records.finish()?;
     inspection.finish(&outcome.trajectory, source.log.ground_truth())?;
 
     let summary = RunSummary {
-        fingerprint: writer.fingerprint().to_string(),
+        fingerprint,
         header,
         result: outcome.result,
         log: std::path::absolute(log).map_err(RunError::io(log))?,
+        vocabulary: source.vocabulary.map(|file| file.path),
+        resumed_at,
         config_name: options.config_name.clone(),
         timing: outcome.timing,
     };
@@ -164,4 +174,17 @@ pub fn replay(
     text(RUN_JSON, &serde_json::to_string_pretty(&summary).expect("plain numbers and texts"))?;
     folder.finish()?;
     Ok(summary)
+}
+
+/// The frame of the run before which a state is wanted. What can be refused is refused before the long work begins.
+fn save_before(options: &ReplayOptions, range: &Range<usize>) -> Result<Option<usize>, RunError> {
+    let Some((frame, path)) = &options.save_state else { return Ok(None) };
+    let (frame, start, end) = (*frame, range.start, range.end);
+    if frame <= start || frame > end {
+        return Err(RunError::SaveFrame { frame, start, end });
+    }
+    if !options.force && path.exists() {
+        return Err(OutputError::Exists { path: path.clone() }.into());
+    }
+    Ok(Some(frame - start))
 }

@@ -15,8 +15,11 @@
 //! | header | texts: program, log's BLAKE3, config (TOML), layer (empty: none); first frame, frame after the last (8 each) |
 //! | frame | id (4), stamp in ns (8), count (4), then a field each: stage (1), name (text), xxh3-128 (16), value (text) |
 //! | end | frames (4), xxh3-128 of `trajectory.txt` and of `trajectory_online.txt` (16 each) |
+//!
+//! The file of a saved state has blocks of kind 4 in place of the end, see `run/state.rs`.
 
-use std::io::{self, BufReader, Read};
+use std::fs::File;
+use std::io::{self, BufReader, BufWriter, Read, Write as _};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -24,6 +27,8 @@ use schemas::Stamp;
 use slam::FrameReport;
 use slam::report::Stage;
 use slam_math::{Digest, DigestWriter};
+
+use super::RunError;
 
 const MAGIC: &[u8; 8] = b"PSLAMREC";
 const VERSION: u32 = 1;
@@ -136,6 +141,13 @@ pub enum Block {
     Frame(FrameEntry),
     /// The last.
     End(RunEnd),
+    /// In place of the end: a piece of a saved state.
+    State {
+        /// Pieces after this one.
+        following: u32,
+        /// The bytes.
+        piece: Vec<u8>,
+    },
 }
 
 /// xxh3-128 of some bytes.
@@ -177,6 +189,49 @@ impl RecordWriter {
     }
 }
 
+/// A records file in the making.
+pub(super) struct RecordFile {
+    path: PathBuf,
+    file: BufWriter<File>,
+    writer: RecordWriter,
+}
+
+impl RecordFile {
+    /// Begins the file.
+    pub fn create(path: PathBuf, header: &RunHeader) -> Result<Self, RecordError> {
+        let file = File::create(&path).map_err(|source| RecordError::Io { path: path.clone(), source })?;
+        let mut records = Self { path, file: BufWriter::new(file), writer: RecordWriter::default() };
+        records.write(&RecordWriter::preamble())?;
+        let header = records.writer.block(&Block::Header(header.clone()));
+        records.write(&header)?;
+        Ok(records)
+    }
+
+    /// Adds a block.
+    pub fn block(&mut self, block: &Block) -> Result<(), RunError> {
+        let bytes = self.writer.block(block);
+        Ok(self.write(&bytes)?)
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<(), RecordError> {
+        self.file.write_all(bytes).map_err(|source| RecordError::Io { path: self.path.clone(), source })
+    }
+
+    /// The path of the file, which holds all blocks so far.
+    pub fn flushed(&mut self) -> Result<&Path, RecordError> {
+        self.file.flush().map_err(|source| RecordError::Io { path: self.path.clone(), source })?;
+        Ok(&self.path)
+    }
+
+    /// The fingerprint, when all is on the disk.
+    pub fn finish(self) -> Result<String, RecordError> {
+        let Self { path, file, writer } = self;
+        let file = file.into_inner().map_err(io::IntoInnerError::into_error);
+        file.and_then(|file| file.sync_all()).map_err(|source| RecordError::Io { path, source })?;
+        Ok(writer.fingerprint().to_string())
+    }
+}
+
 fn link(before: Digest, kind: u8, payload: &[u8]) -> Digest {
     let mut writer = DigestWriter::default();
     writer.u8(kind);
@@ -215,6 +270,11 @@ fn encode(block: &Block) -> (u8, Vec<u8>) {
             out.extend(end.online.0.to_le_bytes());
             3
         }
+        Block::State { following, piece } => {
+            out.extend(following.to_le_bytes());
+            out.extend_from_slice(piece);
+            4
+        }
     };
     (kind, out)
 }
@@ -223,11 +283,13 @@ fn encode(block: &Block) -> (u8, Vec<u8>) {
 #[derive(Debug)]
 pub struct RecordReader {
     path: PathBuf,
-    file: BufReader<std::fs::File>,
+    file: BufReader<File>,
     offset: u64,
     blocks: u64,
     fingerprint: Digest,
     header: RunHeader,
+    /// Whether the file ends with a state.
+    with_state: bool,
     ended: bool,
 }
 
@@ -237,9 +299,18 @@ impl RecordReader {
     /// # Errors
     /// No records file, or damage before the first frame.
     pub fn open(path: &Path) -> Result<Self, RecordError> {
+        Self::open_as(path, false)
+    }
+
+    /// The same for a file that ends with a state.
+    pub(super) fn open_state(path: &Path) -> Result<Self, RecordError> {
+        Self::open_as(path, true)
+    }
+
+    fn open_as(path: &Path, with_state: bool) -> Result<Self, RecordError> {
         let io = |source| RecordError::Io { path: path.to_owned(), source };
         let format = |reason: String| RecordError::Format { path: path.to_owned(), reason };
-        let mut file = BufReader::new(std::fs::File::open(path).map_err(io)?);
+        let mut file = BufReader::new(File::open(path).map_err(io)?);
         let mut preamble = Vec::new();
         (&mut file).take(12).read_to_end(&mut preamble).map_err(io)?;
         let Some(version) = preamble.strip_prefix(MAGIC).and_then(|v| v.try_into().ok()).map(u32::from_le_bytes) else {
@@ -261,6 +332,7 @@ impl RecordReader {
                 layer: None,
                 frames: 0..0,
             },
+            with_state,
             ended: false,
         };
         match reader.block()? {
@@ -300,8 +372,12 @@ impl RecordReader {
             Block::End(end) if u64::from(end.frames) != due => {
                 return Err(self.damaged(format!("{} frames announced, {due} are there", end.frames)));
             }
-            Block::Frame(_) => {}
-            Block::End(_) => {
+            Block::State { .. } if !self.with_state => {
+                return Err(self.format("it is a saved state: `pslam replay --resume` takes it"));
+            }
+            Block::End(_) if self.with_state => return Err(self.format("it is the record of a run, not a saved state")),
+            Block::Frame(_) | Block::State { following: 1.., .. } => {}
+            Block::End(_) | Block::State { following: 0, .. } => {
                 self.ended = true;
                 let io = |source| RecordError::Io { path: self.path.clone(), source };
                 if self.file.read(&mut [0]).map_err(io)? > 0 {
@@ -312,10 +388,14 @@ impl RecordReader {
         Ok(Some(block))
     }
 
+    fn format(&self, reason: &str) -> RecordError {
+        RecordError::Format { path: self.path.clone(), reason: reason.to_owned() }
+    }
+
     fn block(&mut self) -> Result<Block, RecordError> {
         let head = self.bytes(5)?;
         let (kind, len) = (head[0], u32::from_le_bytes([head[1], head[2], head[3], head[4]]));
-        if !(1..=3).contains(&kind) || len > MAX_PAYLOAD_BYTES {
+        if !(1..=4).contains(&kind) || len > MAX_PAYLOAD_BYTES {
             return Err(self.damaged(format!("block of kind {kind} with {len} bytes")));
         }
         let payload = self.bytes(len as usize)?;
@@ -370,6 +450,7 @@ fn decode(kind: u8, payload: &[u8]) -> Option<Block> {
             Block::Frame(FrameEntry { frame, stamp, fields: (0..count).map(field).collect::<Option<_>>()? })
         }
         3 => Block::End(RunEnd { frames: rest.u32()?, trajectory: rest.digest()?, online: rest.digest()? }),
+        4 => Block::State { following: rest.u32()?, piece: std::mem::take(&mut rest.0).to_vec() },
         _ => return None,
     };
     rest.0.is_empty().then_some(block)

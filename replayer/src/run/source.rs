@@ -1,6 +1,7 @@
 //! From a log to what the slam takes.
 
 use std::ops::Range;
+use std::path::Path;
 use std::sync::Arc;
 
 use schemas::calibration::CameraModel;
@@ -9,10 +10,11 @@ use slam::{Category, Config, DepthImage, FrameInput, PanopticMask, Segment, Sens
 use slam_math::{FrameId, Stamp};
 use slam_vision::gray_from_rgb;
 
-use super::RunError;
 use super::records::RunHeader;
 use super::rig::Rig;
+use super::{ReplayOptions, RunError};
 use crate::log::{DecodedFrame, Log, MaskPixels, RawFrame, Timeline, decode};
+use crate::vocabulary::VocabularyFile;
 
 /// A log, opened for one replay: everything that decides its result.
 pub(super) struct Source {
@@ -22,7 +24,9 @@ pub(super) struct Source {
     pub camera: CameraModel,
     pub rig: Rig,
     pub setup: Setup,
+    /// Names the vocabulary by its digest, not by its place.
     pub config: Config,
+    pub vocabulary: Option<VocabularyFile>,
     /// Indices on the timeline, none beyond its end.
     pub range: Range<usize>,
     /// What a user should know about the choice of frames.
@@ -32,7 +36,24 @@ pub(super) struct Source {
 }
 
 impl Source {
-    pub fn new(log: Log, config: &Config, layer: Option<&str>, frames: Option<Range<usize>>) -> Result<Self, RunError> {
+    /// Opens what `options` ask for.
+    pub fn open(log: &Path, options: &ReplayOptions) -> Result<Self, RunError> {
+        let vocabulary = VocabularyFile::named(&options.config.looping.vocabulary)?;
+        let (layer, frames) = (options.layer.as_deref(), options.frames.clone());
+        Self::new(Log::open(log)?, &options.config, layer, frames, vocabulary)
+    }
+
+    pub fn new(
+        log: Log,
+        config: &Config,
+        layer: Option<&str>,
+        frames: Option<Range<usize>>,
+        vocabulary: Option<VocabularyFile>,
+    ) -> Result<Self, RunError> {
+        let mut config = config.clone();
+        if let Some(file) = &vocabulary {
+            config.looping.vocabulary.clone_from(&file.digest);
+        }
         let layer = layer.or_else(|| log.default_layer());
         let timeline = log.timeline(layer)?;
         let camera = log.camera()?;
@@ -49,7 +70,8 @@ impl Source {
         Ok(Self {
             category_ids: categories.iter().map(|c| c.id).collect(),
             setup: Setup { camera: rig.camera, sensor: rig.sensor, categories },
-            config: config.clone(),
+            config,
+            vocabulary,
             log,
             timeline,
             camera,

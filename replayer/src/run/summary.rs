@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::records::RunHeader;
 use super::{RunError, Timing};
 
-/// Contents of `run.json`. All but `log`, `config_name` and `timing` is the same on every machine.
+/// Contents of `run.json`. All but `log`, `vocabulary`, `resumed_at`, `config_name` and `timing` is the same on every machine.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunSummary {
@@ -22,6 +22,10 @@ pub struct RunSummary {
     pub result: RunResult,
     /// The log's place when it was replayed; absolute.
     pub log: PathBuf,
+    /// The place of the vocabulary of `looping.vocabulary`, whose digest stands in the header's configuration; absolute.
+    pub vocabulary: Option<PathBuf>,
+    /// The frame of the log before which the replay took up a saved state. It makes no difference to any result.
+    pub resumed_at: Option<usize>,
     /// How the user called the configuration.
     pub config_name: String,
     /// What it cost; different every time.
@@ -107,6 +111,12 @@ impl fmt::Display for RunSummary {
         let Range { start, end } = &self.header.frames;
         writeln!(f, "log          {} (frames {start}..{end})", self.log.display())?;
         writeln!(f, "config       {}", self.config_name)?;
+        if let Some(path) = &self.vocabulary {
+            writeln!(f, "vocabulary   {}", path.display())?;
+        }
+        if let Some(frame) = self.resumed_at {
+            writeln!(f, "resumed      before frame {frame} of the log")?;
+        }
         writeln!(f, "sensor       {}", r.sensor)?;
         writeln!(f, "layer        {}", self.header.layer.as_deref().unwrap_or("none"))?;
         let share = 100.0 * r.tracked as f64 / r.frames.max(1) as f64;

@@ -7,11 +7,12 @@ use serde::Serialize;
 use slam::Config;
 
 use super::diff::{Difference, end_difference, frame_difference, header_differences};
-use super::drive::drive;
+use super::drive::{Stops, drive};
 use super::records::{Block, RecordReader, RunEnd, digest_of};
 use super::source::Source;
 use super::{CONFIG_TOML, Progress, RECORDS_BIN, RunError, RunSummary, TRAJECTORY_ONLINE_TXT, TRAJECTORY_TXT};
 use crate::log::Log;
+use crate::vocabulary::VocabularyFile;
 
 /// Whether a run is what its log gives.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -76,7 +77,9 @@ pub fn verify(
         return Err(RunError::OtherLog { log: log_path, found, wanted });
     }
     let config = Config::from_toml(&header.config)?;
-    let source = Source::new(log, &config, header.layer.as_deref(), Some(header.frames.clone()))?;
+    let vocabulary = summary.vocabulary.as_deref();
+    let vocabulary = vocabulary.map(|path| VocabularyFile::expect(path, &config.looping.vocabulary)).transpose()?;
+    let source = Source::new(log, &config, header.layer.as_deref(), Some(header.frames.clone()), vocabulary)?;
     let notes = header_differences(&header, &source.header());
     let mut report = VerifyReport {
         run: run_dir.to_owned(),
@@ -89,7 +92,7 @@ pub fn verify(
     if report.difference.is_some() {
         return Ok(report);
     }
-    let outcome = drive(&source, threads, None, progress, &mut |stepped| {
+    let outcome = drive(&source, threads, None, Stops::default(), progress, &mut |stepped| {
         report.difference = match reader.next_block()? {
             Some(Block::Frame(recorded)) => frame_difference(&recorded, &stepped.entry),
             _ => Some(Difference::whole("number of frames", end.frames.to_string(), source.range.len().to_string())),

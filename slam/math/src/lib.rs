@@ -18,6 +18,7 @@ pub mod rng;
 pub mod se3;
 pub mod sim3;
 pub mod track;
+pub mod vector;
 
 pub use digest::{Digest, DigestWriter};
 pub use id::{FrameId, IdVec, KeyFrameId, MapId, MapPointId, Stamp};

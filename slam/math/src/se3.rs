@@ -1,11 +1,13 @@
 //! Rigid transforms.
 
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3, Vector6};
+use serde::{Deserialize, Serialize};
 
 use crate::float;
 
 /// A rigid transform `target_from_source`: `x_target = rotation * x_source + translation`. Metres.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(into = "[f64; 12]", from = "[f64; 12]")]
 pub struct Se3 {
     /// Rotation matrix, orthonormal.
     pub rotation: Matrix3<f64>,
@@ -16,6 +18,20 @@ pub struct Se3 {
 impl Default for Se3 {
     fn default() -> Self {
         Self::identity()
+    }
+}
+
+/// Columns of the rotation, then the translation.
+impl From<Se3> for [f64; 12] {
+    fn from(Se3 { rotation: r, translation: t }: Se3) -> Self {
+        std::array::from_fn(|i| if i < 9 { r[i] } else { t[i - 9] })
+    }
+}
+
+impl From<[f64; 12]> for Se3 {
+    fn from(values: [f64; 12]) -> Self {
+        let (rotation, translation) = values.split_at(9);
+        Self { rotation: Matrix3::from_column_slice(rotation), translation: Vector3::from_column_slice(translation) }
     }
 }
 

@@ -9,7 +9,7 @@ use crate::{LieGroup, float};
 pub type Vector7 = SVector<f64, 7>;
 
 /// A similarity `target_from_source`: `x_target = scale * rotation * x_source + translation`.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Sim3 {
     /// Length in the target frame of one unit of the source frame, > 0.
     pub scale: f64,

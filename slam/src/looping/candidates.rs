@@ -1,6 +1,6 @@
 //! Which keyframes may show the place that a new keyframe sees?
 
-use std::cmp::Reverse;
+use std::cmp::Ordering;
 use std::collections::BTreeMap;
 
 use slam_math::KeyFrameId;
@@ -17,20 +17,37 @@ pub struct Candidates {
     pub others: Vec<KeyFrameId>,
 }
 
-/// Chooses among the keyframes that the place index voted for (`(id, votes)`): never one that shares points with
-/// `keyframe`; those with about as many votes as the best; judged again by the votes of their whole neighbourhood, in
-/// which the best one stands for all.
+/// What the index of places says about a keyframe.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Votes {
+    /// Keyframes and their scores.
+    pub scores: Vec<(u32, f64)>,
+    /// Whether the scores are likenesses of bags of words. Those depend on the vocabulary and on the picture, so they are
+    /// measured by what the keyframe has in common with its own neighbours; otherwise they count descriptors.
+    pub by_words: bool,
+}
+
+/// Chooses among the keyframes that the place index voted for: never one that shares points with `keyframe`; those with
+/// about as many votes as the best; judged again by the votes of their whole neighbourhood, in which the best one stands
+/// for all.
 #[must_use]
-pub fn find_candidates(ctx: &Context, map: &Map, keyframe: &KeyFrame, votes: &[(u32, u32)]) -> Candidates {
+pub fn find_candidates(ctx: &Context, map: &Map, keyframe: &KeyFrame, votes: &Votes) -> Candidates {
     let l = &ctx.config.looping;
     let mut connected: Vec<KeyFrameId> = keyframe.covisible.iter().map(|(id, _)| *id).collect();
     connected.push(keyframe.id);
     connected.sort_unstable();
-    let eligible = |(id, n): &(u32, u32)| {
-        let other = map.keyframe(KeyFrameId(*id)).filter(|k| connected.binary_search(&k.id).is_err())?;
-        Some((other.id, *n, other.map == keyframe.map))
+    let is_connected = |id: u32| connected.binary_search(&KeyFrameId(id)).is_ok();
+    let least = if votes.by_words {
+        let neighbours = votes.scores.iter().filter(|(id, _)| *id != keyframe.id.0 && is_connected(*id));
+        l.min_word_share * most(neighbours.map(|(_, score)| *score))
+    } else {
+        l.min_matches as f64
     };
-    let eligible: Vec<(KeyFrameId, u32, bool)> = votes.iter().filter_map(eligible).collect();
+    let eligible = |(id, score): &(u32, f64)| {
+        let other = map.keyframe(KeyFrameId(*id)).filter(|_| !is_connected(*id))?;
+        Some((other.id, *score, other.map == keyframe.map))
+    };
+    let eligible: Vec<(KeyFrameId, f64, bool)> = votes.scores.iter().filter_map(eligible).collect();
     let mut found = Candidates::default();
     let large_enough = l.enabled && map.keyframe_count_of(keyframe.map) >= l.min_keyframes;
     for (own, list) in [(true, &mut found.own), (false, &mut found.others)] {
@@ -38,31 +55,40 @@ pub fn find_candidates(ctx: &Context, map: &Map, keyframe: &KeyFrame, votes: &[(
             continue;
         }
         let side = eligible.iter().filter(|(_, _, is_own)| *is_own == own).map(|(id, n, _)| (*id, *n)).collect();
-        *list = best_groups(ctx, map, &side);
+        *list = best_groups(ctx, map, &side, least);
     }
     found
 }
 
-/// The best keyframe of each of the best neighbourhoods.
-fn best_groups(ctx: &Context, map: &Map, votes: &BTreeMap<KeyFrameId, u32>) -> Vec<KeyFrameId> {
+/// The largest of some scores, 0 without any.
+fn most(scores: impl Iterator<Item = f64>) -> f64 {
+    scores.fold(0.0, slam_math::float::max)
+}
+
+/// Best scores first, then oldest first.
+fn by_score(a: &(f64, KeyFrameId), b: &(f64, KeyFrameId)) -> Ordering {
+    b.0.total_cmp(&a.0).then(a.1.cmp(&b.1))
+}
+
+/// The best keyframe of each of the best neighbourhoods, none with a score below `least`.
+fn best_groups(ctx: &Context, map: &Map, votes: &BTreeMap<KeyFrameId, f64>, least: f64) -> Vec<KeyFrameId> {
     let l = &ctx.config.looping;
-    let most = votes.values().copied().max().unwrap_or(0);
-    let enough = |n: u32| n as usize >= l.min_matches && f64::from(n) >= l.min_vote_share * f64::from(most);
-    let mut groups: Vec<(u32, KeyFrameId)> = Vec::new();
-    for (id, own) in votes.iter().filter(|(_, n)| enough(**n)) {
-        let (mut sum, mut best) = (*own, (Reverse(*own), *id));
+    let least = slam_math::float::max(least, l.min_vote_share * most(votes.values().copied()));
+    let mut groups: Vec<(f64, KeyFrameId)> = Vec::new();
+    for (id, own) in votes.iter().filter(|(_, score)| **score >= least) {
+        let (mut sum, mut best) = (*own, (*own, *id));
         let neighbours = map.keyframe(*id).into_iter().flat_map(|k| k.best_covisible(l.place_keyframes));
-        for (neighbour, n) in neighbours.filter_map(|id| votes.get(&id).map(|n| (id, *n))) {
-            sum += n;
-            best = best.min((Reverse(n), neighbour));
+        for (neighbour, score) in neighbours.filter_map(|id| votes.get(&id).map(|score| (id, *score))) {
+            sum += score;
+            best = std::cmp::min_by(best, (score, neighbour), by_score);
         }
         groups.push((sum, best.1));
     }
-    groups.sort_unstable_by_key(|(sum, id)| (Reverse(*sum), *id));
-    let most = groups.first().map_or(0, |(sum, _)| *sum);
+    groups.sort_unstable_by(by_score);
+    let most = groups.first().map_or(0.0, |(sum, _)| *sum);
     let mut chosen = Vec::new();
     for (sum, id) in groups {
-        let strong = f64::from(sum) >= l.min_accumulated_share * f64::from(most);
+        let strong = sum >= l.min_accumulated_share * most;
         if strong && chosen.len() < l.candidates && !chosen.contains(&id) {
             chosen.push(id);
         }

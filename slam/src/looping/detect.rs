@@ -1,5 +1,6 @@
 //! Is a candidate the same place? Geometry decides, and other keyframes must agree.
 
+use serde::{Deserialize, Serialize};
 use slam_math::{KeyFrameId, MapId, MapPointId, Rng, Sim3};
 use slam_optimize::{DepthCamera, find_similarity};
 
@@ -14,7 +15,7 @@ const STAGE: u32 = 5;
 const WITNESSES: usize = 5;
 
 /// A place that was seen before.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LoopFound {
     /// The keyframe that sees it again.
     pub keyframe: KeyFrameId,
@@ -33,7 +34,7 @@ pub struct LoopFound {
 }
 
 /// What detection carries from keyframe to keyframe: a place that was found, but not by enough keyframes yet.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct LoopState {
     pending: Option<Pending>,
 }
@@ -46,7 +47,7 @@ impl LoopState {
     }
 }
 
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Pending {
     matched: KeyFrameId,
     /// The same for all keyframes of one neighbourhood: a move of the world, not of a camera.

@@ -15,7 +15,7 @@ mod guided;
 mod seam;
 mod weld;
 
-pub use candidates::{Candidates, find_candidates};
+pub use candidates::{Candidates, Votes, find_candidates};
 pub use close::correct;
 pub use detect::{LoopFound, LoopState, detect};
 pub use global::global_adjustment;

@@ -2,6 +2,7 @@
 //! bundle adjustment come to.
 
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 use slam_math::{DigestWriter, KeyFrameId, MapId, MapPointId, Se3, Sim3};
 
 use super::{Map, MapEdit};
@@ -11,7 +12,7 @@ use super::{Map, MapEdit};
 /// It says how far things move, not where they are: what local bundle adjustment did in the meantime is kept. What is
 /// newer than the snapshot follows: keyframes their nearest ancestor in the spanning tree, points the keyframe that made
 /// them.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Correction {
     /// [`Map::corrections`] of the snapshot. A correction of a map that was corrected since does nothing: it speaks of a
     /// world that is gone.
@@ -20,6 +21,7 @@ pub struct Correction {
     /// in it stay.
     pub keyframes: Vec<(KeyFrameId, Sim3)>,
     /// Points that do not just follow their keyframe: how far each one moves, metres; sorted by id.
+    #[serde(with = "slam_math::vector::keyed")]
     pub points: Vec<(MapPointId, Vector3<f64>)>,
     /// Two parts of the atlas become one.
     pub join: Option<Join>,
@@ -28,7 +30,7 @@ pub struct Correction {
 }
 
 /// Two parts of the atlas become one.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Join {
     /// The part that ends.
     pub map: MapId,

@@ -1,15 +1,17 @@
 //! The only way to change a [`Map`].
 
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 use slam_math::{DigestWriter, FrameId, KeyFrameId, MapPointId, Se3};
 
 use super::{Appearance, Correction, KeyFrame, Map, MapPoint, Sighting};
 use crate::report::KeypointClass;
 
 /// A point to be added, with the observation that made it.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct NewPoint {
     /// Position in the world, metres.
+    #[serde(with = "slam_math::vector")]
     pub position: Vector3<f64>,
     /// Keyframe that sees it.
     pub keyframe: KeyFrameId,
@@ -22,7 +24,7 @@ pub struct NewPoint {
 }
 
 /// One change. Changes to something that died meanwhile do nothing and are counted.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub enum MapEdit {
     /// Adds a keyframe; its id must be [`Map::next_keyframe`]. Its `points` become observations.
     AddKeyFrame(Box<KeyFrame>),
@@ -42,7 +44,7 @@ pub enum MapEdit {
     /// Moves a keyframe.
     SetPose(KeyFrameId, Se3),
     /// Moves a point.
-    SetPosition(MapPointId, Vector3<f64>),
+    SetPosition(MapPointId, #[serde(with = "slam_math::vector")] Vector3<f64>),
     /// The point should have been seen in a frame, and was found or not.
     CountSight(MapPointId, bool),
     /// Sets the doubt counter of a point.

@@ -1,5 +1,6 @@
 //! Changes a map and remembers how.
 
+use serde::{Deserialize, Serialize};
 use slam_math::MapPointId;
 
 use super::{EditCounts, Map, MapEdit};
@@ -73,7 +74,7 @@ impl<'a> Editor<'a> {
 }
 
 /// Edits in order, all of which had an effect on the map they were made for.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Journal {
     edits: Vec<MapEdit>,
     /// The id that the map gave to the first new point.

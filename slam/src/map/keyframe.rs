@@ -2,12 +2,13 @@
 
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
 use slam_math::{FrameId, KeyFrameId, MapId, MapPointId, Se3, Stamp};
 
 use crate::observation::Observation;
 
 /// A frame that is kept, with its place in the covisibility graph.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct KeyFrame {
     /// Its id, in creation order.
     pub id: KeyFrameId,

@@ -1,5 +1,6 @@
 //! The map: keyframes and map points, changed only through [`MapEdit`]s.
 
+mod check;
 mod correction;
 mod covisibility;
 mod edit;
@@ -9,8 +10,10 @@ mod point;
 
 use std::collections::BTreeMap;
 
+use serde::{Deserialize, Serialize};
 use slam_math::{IdVec, KeyFrameId, MapId, MapPointId, Se3};
 
+pub use check::MapProblem;
 pub use correction::{Correction, Join, moved_pose};
 pub use edit::{EditCounts, MapEdit, NewPoint};
 pub use editor::{Editor, Journal, Renaming};
@@ -19,7 +22,7 @@ pub use point::{Appearance, MapPoint, Sighting};
 
 /// All maps of a run. Keyframes and points carry the [`MapId`] of the part they belong to; parts have no common frame
 /// until they are joined by a [`Correction`].
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Map {
     keyframes: IdVec<KeyFrame>,
     points: IdVec<MapPoint>,

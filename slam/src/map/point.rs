@@ -1,6 +1,7 @@
 //! A point of the static world.
 
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 use slam_math::{FrameId, KeyFrameId, MapId, MapPointId};
 use slam_vision::{Descriptor, hamming_many};
 
@@ -9,7 +10,7 @@ use crate::context::Context;
 use crate::report::KeypointClass;
 
 /// One observation of a point by a keyframe.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Sighting {
     /// Who sees it.
     pub keyframe: KeyFrameId,
@@ -20,26 +21,28 @@ pub struct Sighting {
 }
 
 /// How to recognise a point: fields of [`MapPoint`] that follow from its observations.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Appearance {
     /// See [`MapPoint::descriptor`].
     pub descriptor: Descriptor,
     /// See [`MapPoint::described`].
     pub described: u64,
     /// See [`MapPoint::normal`].
+    #[serde(with = "slam_math::vector")]
     pub normal: Vector3<f64>,
     /// See [`MapPoint::range_m`].
     pub range_m: [f64; 2],
 }
 
 /// A point of the static world.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MapPoint {
     /// Its id, in creation order.
     pub id: MapPointId,
     /// Part of the atlas.
     pub map: MapId,
     /// Position in the world, metres.
+    #[serde(with = "slam_math::vector")]
     pub position: Vector3<f64>,
     /// Observations, sorted by keyframe.
     pub seen_in: Vec<Sighting>,
@@ -49,6 +52,7 @@ pub struct MapPoint {
     /// which costs the square of their number.
     pub described: u64,
     /// Mean direction from the cameras to the point, unit length.
+    #[serde(with = "slam_math::vector")]
     pub normal: Vector3<f64>,
     /// Nearest and farthest distance in metres at which it appears on some pyramid level.
     pub range_m: [f64; 2],

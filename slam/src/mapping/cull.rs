@@ -1,5 +1,6 @@
 //! What does not earn its place leaves the map.
 
+use serde::{Deserialize, Serialize};
 use slam_math::{KeyFrameId, MapPointId};
 
 use super::Editor;
@@ -7,7 +8,7 @@ use crate::context::Context;
 use crate::map::{MapEdit, Renaming};
 
 /// Points on probation, oldest first.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct YoungPoints(Vec<MapPointId>);
 
 impl YoungPoints {

@@ -13,12 +13,13 @@ pub use cull::YoungPoints;
 pub use fuse::fuse_into;
 pub use start::insert_two_views;
 
+use serde::{Deserialize, Serialize};
 use slam_math::KeyFrameId;
 
 use crate::context::Context;
 
 /// What local mapping did for one keyframe.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct MappingCounts {
     /// Points made by triangulation.
     pub triangulated: u32,

@@ -1,5 +1,7 @@
 //! Short-term association: which region of the last frame is this one? And the memory of where movers just were.
 
+use serde::{Deserialize, Serialize};
+
 use super::{NO_REGION, PanopticFilter, Region, RegionKind, Regions, Track};
 use crate::config::{MotionConfig, Rule};
 use crate::context::Context;
@@ -11,7 +13,7 @@ const HEAT_FRAMES: u8 = 5;
 const CALM_FRAMES: u8 = 10;
 
 /// What a cell of the picture was a moment ago.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct CellMemory {
     /// Frames until it is forgotten that a person or mover was here.
     pub heat: u8,

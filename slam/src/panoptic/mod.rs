@@ -18,6 +18,7 @@ mod verdict;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
 use slam_math::{FrameId, Se3, Sim3};
 
 pub use association::CellMemory;
@@ -33,7 +34,7 @@ use crate::observation::Observation;
 use crate::report::{KeypointClass, RegionState, Selection, Verdict};
 
 /// An older frame that the current one is compared with.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Remembered {
     /// Which frame.
     pub id: FrameId,
@@ -50,7 +51,7 @@ pub struct Remembered {
 }
 
 /// A region followed over frames.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Track {
     /// Its number, in order of appearance.
     pub id: u32,
@@ -109,7 +110,7 @@ impl FrameFilter {
 }
 
 /// The filter's memory.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct PanopticFilter {
     history: VecDeque<Remembered>,
     last: Option<LastRegions>,
@@ -117,7 +118,7 @@ pub struct PanopticFilter {
 }
 
 /// Regions of the last frame, for association.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 struct LastRegions {
     regions: Regions,
     tracks: Vec<Track>,

@@ -2,6 +2,8 @@
 
 use std::collections::VecDeque;
 
+use serde::{Deserialize, Serialize};
+
 use crate::context::Context;
 use crate::input::{FrameInput, PanopticMask};
 
@@ -11,7 +13,7 @@ pub const CELL_PX: usize = 4;
 pub const NO_REGION: u16 = u16::MAX;
 
 /// What a region is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum RegionKind {
     /// A person.
     Person,
@@ -22,7 +24,7 @@ pub enum RegionKind {
 }
 
 /// One region.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Region {
     /// What it is.
     pub kind: RegionKind,
@@ -37,7 +39,7 @@ pub struct Region {
 }
 
 /// The regions of a picture.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Regions {
     /// Cells per row.
     pub width: usize,

@@ -6,6 +6,7 @@
 
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
 use slam_math::{KeyFrameId, MapId};
 
 use crate::config::Config;
@@ -15,7 +16,7 @@ use crate::map::{Editor, Journal, Map};
 use crate::mapping::{MappingCounts, YoungPoints, local_mapping};
 
 /// Kinds of background work.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum JobKind {
     /// Local mapping after a keyframe.
     Mapping,
@@ -67,12 +68,14 @@ pub(super) enum Task {
 }
 
 /// What a job came to.
+#[derive(Clone, Serialize, Deserialize)]
 pub struct JobResult {
     pub(super) journal: Journal,
     pub(super) outcome: Outcome,
 }
 
 /// What a job came to besides edits of the map.
+#[derive(Clone, Serialize, Deserialize)]
 pub(super) enum Outcome {
     /// Of local mapping: the points that are still on probation, and counts.
     Mapping { keyframe: KeyFrameId, young: YoungPoints, counts: MappingCounts },
@@ -127,7 +130,7 @@ impl Job {
 }
 
 /// Number of a job, counting up from 0 in the order of submission.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize)]
 pub struct Ticket(pub u64);
 
 /// Whoever runs jobs: the caller itself, or other threads.

@@ -1,16 +1,17 @@
 //! Loops, the joining of maps and the adjustment of a whole map as jobs: when they are submitted, and what else moves when
 //! the map is corrected.
 
+use serde::{Deserialize, Serialize};
 use slam_math::{FrameId, KeyFrameId, MapId};
 
 use super::job::{Job, JobKind, Task};
 use super::{Slam, trajectory};
-use crate::looping::{LoopFound, find_candidates};
+use crate::looping::{LoopFound, Votes, find_candidates};
 use crate::map::Correction;
 use crate::report::Event;
 
 /// What is to be done when no job of its kind is in flight.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub(super) struct Waiting {
     /// The newest keyframe that has been mapped and not been searched for loops.
     pub search: Option<KeyFrameId>,
@@ -42,8 +43,9 @@ impl Slam {
         let keyframe = self.map.keyframe(id)?;
         let usable = (0..keyframe.obs.len()).filter(|i| keyframe.usable[*i]);
         let descriptors: Vec<_> = usable.map(|i| keyframe.obs.descriptor[i]).collect();
-        let votes =
-            self.places.query(&descriptors, usize::MAX, |id, keypoint| self.map.has_point(KeyFrameId(id), keypoint));
+        let may_vote = |id, keypoint| self.map.has_point(KeyFrameId(id), keypoint);
+        let scores = self.places.query(&descriptors, usize::MAX, may_vote);
+        let votes = Votes { scores, by_words: self.places.has_words() };
         let candidates = find_candidates(self.context(), &self.map, keyframe, &votes);
         let nothing = candidates.own.is_empty() && candidates.others.is_empty() && self.loops.is_idle();
         (!nothing).then(|| Task::Loop { keyframe: id, candidates, state: std::mem::take(&mut self.loops) })

@@ -8,6 +8,7 @@ mod loops;
 mod record;
 mod schedule;
 mod start;
+mod state;
 mod step;
 mod summary;
 mod trajectory;
@@ -15,11 +16,13 @@ mod upkeep;
 
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
 use slam_math::{FrameId, MapId, Se3};
-use slam_vision::{PlaceIndex, VisionError};
+use slam_vision::{Places, VisionError, Vocabulary};
 
 pub use front_end::FrontEnd;
 pub use job::{Executor, Inline, Job, JobKind, JobResult, Ticket};
+pub use state::State;
 pub use trajectory::TrajectoryPose;
 
 use crate::config::Config;
@@ -158,7 +161,7 @@ impl Observer for Unobserved {
 pub struct Slam {
     front_end: FrontEnd,
     map: Map,
-    places: PlaceIndex,
+    places: Places,
     /// Not here while a loop search has it.
     loops: LoopState,
     /// What is to be searched for loops or adjusted as a whole as soon as the last such job is done.
@@ -176,7 +179,7 @@ pub struct Slam {
 }
 
 /// What tracking carries from frame to frame.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 struct Tracker {
     state: TrackingState,
     active: MapId,
@@ -200,7 +203,7 @@ impl Slam {
         Ok(Self {
             front_end: FrontEnd::new(config, setup)?,
             map: Map::default(),
-            places: PlaceIndex::new(),
+            places: Places::default(),
             loops: LoopState::default(),
             waiting: loops::Waiting::default(),
             filter: PanopticFilter::default(),
@@ -213,6 +216,13 @@ impl Slam {
         })
     }
 
+    /// Goes by the words of a vocabulary to find places again (`looping.vocabulary`), not by descriptors alone. For a slam
+    /// that has seen nothing.
+    #[must_use]
+    pub fn with_vocabulary(self, vocabulary: Option<Arc<Vocabulary>>) -> Self {
+        Self { places: Places::new(vocabulary), ..self }
+    }
+
     /// The part that works on a frame alone: features ahead of time, on any thread.
     #[must_use]
     pub fn front_end(&self) -> &FrontEnd {
@@ -223,6 +233,12 @@ impl Slam {
     #[must_use]
     pub fn map(&self) -> &Map {
         &self.map
+    }
+
+    /// Frames taken so far.
+    #[must_use]
+    pub fn frame_count(&self) -> usize {
+        self.frames.len()
     }
 
     /// Configuration, calibration and tables.

@@ -1,6 +1,7 @@
 //! When the results of jobs are applied: a job submitted at frame f takes effect exactly before frame f + lag, on any
 //! machine. With a lag of 0 it takes effect at the end of its own frame: the plain sequential system, by the same code.
 
+use serde::{Deserialize, Serialize};
 use slam_math::{FrameId, KeyFrameId};
 
 use super::job::{Executor, Job, JobKind, JobResult, Outcome, Task, Ticket};
@@ -10,12 +11,13 @@ use crate::mapping::MappingCounts;
 use crate::report::Event;
 
 /// Jobs that were submitted and have not been applied, in the order of submission.
-#[derive(Default)]
+#[derive(Clone, Default, Serialize, Deserialize)]
 pub(super) struct Schedule {
     in_flight: Vec<InFlight>,
     next: Ticket,
 }
 
+#[derive(Clone, Serialize, Deserialize)]
 struct InFlight {
     ticket: Ticket,
     kind: JobKind,
@@ -36,6 +38,15 @@ impl Schedule {
         self.next = Ticket(ticket.0 + 1);
         let result = executor.submit(ticket, job);
         self.in_flight.push(InFlight { ticket, kind, due, result });
+    }
+
+    /// Waits for all results and keeps them until they are due.
+    pub fn collect_all(&mut self, frame: u32, executor: &mut dyn Executor) -> Result<(), SlamError> {
+        for job in self.in_flight.iter_mut().filter(|job| job.result.is_none()) {
+            job.result = executor.collect(job.ticket);
+            job.result.is_some().then_some(()).ok_or(SlamError::Job { frame, kind: job.kind.name() })?;
+        }
+        Ok(())
     }
 
     /// The oldest job that is due by a frame; waits for it if it is late.

@@ -3,7 +3,7 @@
 use slam_math::{KeyFrameId, MapId, Se3};
 
 use super::step::Step;
-use super::{JobKind, Work};
+use super::{JobKind, Slam, Work};
 use crate::mapping::{YoungPoints, insert_two_views};
 use crate::panoptic::FrameFilter;
 use crate::tracking::{Start, TwoViews, offer_view};
@@ -56,7 +56,7 @@ impl Step<'_> {
         let ids = self.edit(|ctx, editor, _| insert_two_views(ctx, editor, views, &mut frame, map));
         self.frame = frame;
         for id in ids {
-            self.remember_place(id);
+            self.slam.remember_place(id);
         }
         let [first, second] = ids;
         if let Some(keyframe) = self.slam.map.keyframe(second) {
@@ -81,12 +81,14 @@ impl Step<'_> {
         self.slam.young = YoungPoints::default();
         map
     }
+}
 
+impl Slam {
     /// The keyframe can be recognised from now on.
     pub(super) fn remember_place(&mut self, id: KeyFrameId) {
-        let Some(keyframe) = self.slam.map.keyframe(id) else { return };
+        let Some(keyframe) = self.map.keyframe(id) else { return };
         let usable = (0..keyframe.obs.len()).filter(|i| keyframe.usable[*i]);
         let keypoints: Vec<_> = usable.map(|i| (i as u32, keyframe.obs.descriptor[i])).collect();
-        self.slam.places.add(id.0, &keypoints);
+        self.places.add(id.0, &keypoints);
     }
 }

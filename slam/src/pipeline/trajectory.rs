@@ -1,18 +1,19 @@
 //! The camera's path: as it was known at each frame, and as the map says now.
 
+use serde::{Deserialize, Serialize};
 use slam_math::{FrameId, KeyFrameId, MapId, Se3, Stamp};
 
 use super::Slam;
 
 /// What is kept of every frame.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub(super) struct Entry {
     pub id: FrameId,
     pub stamp: Stamp,
     pub tracked: Option<Tracked>,
 }
 
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub(super) struct Tracked {
     /// Part of the atlas at that time.
     pub map: MapId,

@@ -26,7 +26,7 @@ impl Step<'_> {
         if let Some(keyframe) = self.slam.map.keyframe(id) {
             self.frame.points = keyframe.points.clone();
         }
-        self.remember_place(id);
+        self.slam.remember_place(id);
         self.frame.refer_to(id, &self.slam.map);
         self.slam.tracker.last_keyframe = self.frame.id;
         self.new_keyframe = Some(id);

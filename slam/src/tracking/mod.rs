@@ -9,6 +9,7 @@ mod two_views;
 
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
 use slam_math::{FrameId, KeyFrameId, MapPointId, Se3, Stamp};
 
 pub use keyframe_policy::{KeyframeNeed, keyframe_needed};
@@ -24,7 +25,7 @@ use crate::map::Map;
 use crate::observation::Observation;
 
 /// A frame that is being or has been tracked.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct TrackedFrame {
     /// Which frame.
     pub id: FrameId,

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use slam_math::{KeyFrameId, MapId, MapPointId, Rng, Se3};
 use slam_optimize::{AbsoluteOptions, PoseObservation, PoseOptions, absolute_orientation_ransac, absolute_pose_ransac};
-use slam_vision::PlaceIndex;
+use slam_vision::Places;
 
 use super::predict::match_descriptors;
 use super::{LocalMap, TrackedFrame, refine_pose, track_local_map};
@@ -31,7 +31,7 @@ pub struct Relocalized {
 pub fn relocalize(
     ctx: &Context,
     map: &Map,
-    places: &PlaceIndex,
+    places: &Places,
     frame: &mut TrackedFrame,
     eligible: impl Fn(&KeyFrame) -> bool,
 ) -> Option<Relocalized> {

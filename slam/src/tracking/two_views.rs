@@ -2,6 +2,7 @@
 //! T-RO 2015, section IV).
 
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 use slam_math::{Rng, Se3};
 use slam_optimize::{TwoViewFailure, TwoViewOptions, two_view_reconstruction};
 
@@ -16,7 +17,7 @@ const STAGE: u32 = 3;
 const MAX_OCTAVE: u8 = 2;
 
 /// A frame that waits for its partner.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct FirstView {
     frame: TrackedFrame,
     class: Vec<KeypointClass>,

@@ -8,9 +8,9 @@ use std::sync::Arc;
 use nalgebra::{Matrix3, Vector3};
 use slam::observation::Observation;
 use slam::report::StageRecord;
-use slam::{Config, Executor, FrameInput, Inline, PanopticMask, Slam, Unobserved};
+use slam::{Config, Executor, FrameInput, Inline, PanopticMask, Sensor, Setup, Slam, Unobserved};
 use slam_math::{Rng, Se3, float};
-use slam_vision::{Descriptor, KeypointGrid};
+use slam_vision::{Descriptor, KeypointGrid, Vocabulary};
 
 use crate::scene::WALL;
 use crate::support::{HEIGHT, WIDTH, blank, camera, descriptor, mask, setup};
@@ -74,6 +74,10 @@ pub struct Corridor {
     /// Somebody who walks ahead of the camera and always looks the same, while the way is in one of these ranges, and the
     /// category that the segmentation gives to them.
     pub companion: Option<(Vec<Range<f64>>, u16)>,
+    /// Where depth comes from: a camera that gives it, or nowhere.
+    pub sensor: Sensor,
+    /// Places are found by its words.
+    pub vocabulary: Option<Arc<Vocabulary>>,
 }
 
 impl Corridor {
@@ -87,7 +91,13 @@ impl Corridor {
             let (nx, ny) = (-float::sin(heading), float::cos(heading));
             (s, Vector3::new(x + side * nx, y + side * ny, 2.4 * rng.uniform() - 1.2))
         };
-        Self { landmarks: (0..count).map(landmark).collect(), errors, companion: None }
+        Self {
+            landmarks: (0..count).map(landmark).collect(),
+            errors,
+            companion: None,
+            sensor: Sensor::Rgbd,
+            vocabulary: None,
+        }
     }
 
     /// What the camera sees after a way of `s` metres, as frame `id`.
@@ -129,6 +139,9 @@ impl Corridor {
             descriptors.push(blurred(descriptor(20, index), &mut rng, self.errors.bits));
         }
         let n = pixels.len();
+        if self.sensor == Sensor::Monocular {
+            depths.fill(0.0);
+        }
         Observation {
             raw_pixel: pixels.clone(),
             grid: KeypointGrid::build(&pixels, bounds),
@@ -165,7 +178,8 @@ impl Corridor {
 
     /// The same with another executor of jobs.
     pub fn walk_with(&self, config: &Config, ways: impl IntoIterator<Item = f64>, executor: &mut dyn Executor) -> Walk {
-        let slam = Slam::new(config, &setup()).unwrap();
+        let slam = Slam::new(config, &Setup { sensor: self.sensor, ..setup() }).unwrap();
+        let slam = slam.with_vocabulary(self.vocabulary.clone());
         let mut walk = Walk { slam, truth: Vec::new(), events: Vec::new(), records: Vec::new() };
         for (id, s) in (0..).zip(ways) {
             let (input, obs) = (self.input(id, s), Arc::new(self.observe(id, s)));

@@ -100,44 +100,7 @@ pub fn content(map: &Map) -> Content {
 pub fn check(map: &Map) {
     assert_eq!(map.keyframe_count(), map.keyframes().count());
     assert_eq!(map.point_count(), map.points().count());
-    for point in map.points() {
-        assert!(!point.seen_in.is_empty(), "{} is seen by nobody", point.id);
-        assert!(point.seen_in.is_sorted_by(|a, b| a.keyframe < b.keyframe), "{:?}", point.seen_in);
-        for s in &point.seen_in {
-            let keyframe = map.keyframe(s.keyframe).expect("sightings are by live keyframes");
-            assert_eq!(keyframe.points[s.index as usize], Some(point.id));
-        }
-    }
-    for k in map.keyframes() {
-        for (i, point) in k.points.iter().enumerate().filter_map(|(i, p)| p.map(|p| (i, p))) {
-            let sighting = map.point(point).expect("keyframes see live points").sighting(k.id).copied();
-            assert_eq!(sighting.map(|s| s.index), Some(i as u32));
-        }
-        let order = |(id, weight): &(KeyFrameId, u32)| (std::cmp::Reverse(*weight), *id);
-        assert!(k.covisible.is_sorted_by(|a, b| order(a) < order(b)), "{:?}", k.covisible);
-        for (other, weight) in &k.covisible {
-            assert_ne!(*other, k.id);
-            let back = map.keyframe(*other).expect("neighbours live").covisible.iter().find(|(id, _)| *id == k.id);
-            assert_eq!(back, Some(&(k.id, *weight)), "edge of {} and {other}", k.id);
-        }
-        check_tree(map, k);
-    }
-}
-
-/// Following parents ends at a root: no cycles.
-fn check_tree(map: &Map, k: &KeyFrame) {
-    let above = std::iter::successors(Some(k.id), |id| map.keyframe(*id).and_then(|k| k.parent));
-    assert!(above.take(map.keyframe_count() + 1).count() <= map.keyframe_count(), "{} hangs on itself", k.id);
-    for other in &k.loops {
-        assert!(map.keyframe(*other).expect("ends of loops live").loops.contains(&k.id));
-    }
-    assert!(k.children.is_sorted_by(|a, b| a < b));
-    if let Some(parent) = k.parent {
-        assert!(map.keyframe(parent).expect("parents live").children.contains(&k.id));
-    }
-    for child in &k.children {
-        assert_eq!(map.keyframe(*child).expect("children live").parent, Some(k.id));
-    }
+    map.check(8).unwrap();
 }
 
 /// Three raw numbers choose an edit; ids may be dead or not there yet.

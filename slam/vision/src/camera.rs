@@ -50,7 +50,7 @@ pub struct Camera {
 }
 
 /// An axis-aligned rectangle in pixels, borders included.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Bounds {
     /// Smallest x and y.
     pub min: [f64; 2],

@@ -7,7 +7,7 @@ const COLUMNS: usize = 64;
 const ROWS: usize = 48;
 
 /// Keypoints sorted into 64 x 48 cells over the undistorted image.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct KeypointGrid {
     bounds: Bounds,
     /// Cell `c` (row-major) owns `indices[starts[c]..starts[c + 1]]`.
@@ -79,6 +79,16 @@ impl KeypointGrid {
             }
         }
         found.truncate(count);
+    }
+
+    /// Whether this is a grid over `n` keypoints. One that [`build`](Self::build) made always is; one from a file need not.
+    #[must_use]
+    pub fn is_of(&self, n: usize) -> bool {
+        self.starts.len() == COLUMNS * ROWS + 1
+            && self.starts.is_sorted()
+            && self.starts.last().is_some_and(|end| *end as usize == self.indices.len())
+            && self.pixels.len() == self.indices.len()
+            && self.indices.iter().all(|index| (*index as usize) < n)
     }
 
     fn column(&self, x: f64) -> usize {

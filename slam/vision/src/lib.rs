@@ -8,7 +8,8 @@
 //! * [`Camera`]: projection, lens distortion and its inverse.
 //! * [`KeypointGrid`]: which keypoints lie near a pixel.
 //! * [`hamming`], [`hamming_many`], [`nearest_two`]: distance between descriptors.
-//! * [`PlaceIndex`]: which keyframes show the same place; [`Vocabulary`] and [`WordIndex`]: the same by words.
+//! * [`Places`]: which keyframes show the same place, by descriptors ([`PlaceIndex`]) or by the words of a [`Vocabulary`]
+//!   ([`WordIndex`]).
 //!
 //! ```
 //! use slam_vision::{OrbConfig, OrbExtractor, Workspace, gray_from_rgb};
@@ -29,6 +30,7 @@ mod image;
 mod kernels;
 mod orb;
 mod place;
+mod places;
 mod rectify;
 mod stereo;
 mod vocabulary;
@@ -41,6 +43,7 @@ pub use image::{GrayImage, Image, gray_from_rgb};
 pub use kernels::Kernels;
 pub use orb::{Features, OrbConfig, OrbExtractor, Workspace};
 pub use place::PlaceIndex;
+pub use places::Places;
 pub use rectify::Rectifier;
 pub use stereo::StereoOptions;
 pub use vocabulary::{LineProblem, Vocabulary, VocabularyError, VocabularyOptions, WordIndex, bag_score};
