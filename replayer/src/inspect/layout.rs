@@ -14,7 +14,8 @@ pub const ABOUT: &str = "\
 
 **Space.** Blue: the way as known at each frame. Gold: the true way, laid over the final estimate. Pale: the final \
 estimate. The camera's frustum is green while tracked and red while lost. Small pyramids are keyframes, the lines \
-between them tell how many points they share. Points: green are seen now, pale are settled, blue are young, yellow lie \
+between them tell how many points they share. Pink ties keyframes that saw the same place in a loop or where two maps were \
+joined; orange lines show for one frame how far a correction moved each keyframe. Points: green are seen now, pale are settled, blue are young, yellow lie \
 on Things that stand still, magenta on unknown areas that stand still, orange are in doubt.
 
 **Keypoints.** The colour is the panoptic filter's verdict; large ones are matched to the map. The plot *keypoints by \

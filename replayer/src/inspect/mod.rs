@@ -9,7 +9,8 @@
 //! | `/world/camera/keypoints` | keypoints coloured by verdict; those matched to the map are larger |
 //! | `/world/camera/epipolar`, `motion` | keypoints coloured by residual |
 //! | `/world/map/points`, `tracked` | map points coloured by state; those seen now |
-//! | `/world/keyframes`, `covisibility` | keyframes and the graph between them |
+//! | `/world/keyframes`, `covisibility`, `loops` | keyframes and the graph between them |
+//! | `/world/corrections` | how far each keyframe moved when a loop was closed, two maps were joined, or all was adjusted |
 //! | `/world/trajectory/*` | estimated as known at each frame, final, and true |
 //! | `/plots/*`, `/log`, `/about` | counts and residuals over time, events, how to read it all |
 

@@ -20,6 +20,8 @@ const YELLOW: Rgba = [255, 221, 87, 255];
 pub const BLUE: Rgba = [77, 166, 255, 255];
 /// The truth.
 pub const GOLD: Rgba = [255, 196, 61, 255];
+/// A place seen again.
+pub const LOOP: Rgba = [255, 90, 170, 255];
 /// Set aside.
 pub const GREY: Rgba = [150, 155, 165, 255];
 /// Whatever is calm and plenty.

@@ -1,11 +1,13 @@
 //! What stands in space: the camera, the map, its graph, and the way so far.
 
+use std::collections::BTreeMap;
+
 use rrd::{
     At, Clear, Lines3d, Pinhole, Points3d, Radius, Rgba, Rotation, RrdError, RrdWriter, Transform, ViewCoordinates,
 };
 use slam::map::{KeyFrame, Map, MapPoint};
 use slam::report::{FrameReport, KeypointClass};
-use slam_math::{MapId, Se3};
+use slam_math::{KeyFrameId, MapId, Se3};
 use slam_vision::Camera;
 
 use super::style::{self, PointState};
@@ -32,6 +34,12 @@ pub struct World {
     /// Camera centres of the current piece of the trajectory.
     piece: Vec<[f32; 3]>,
     pieces: usize,
+    /// [`Map::corrections`] of the last frame.
+    corrections: u32,
+    /// Where keyframes were drawn last.
+    keyframes: BTreeMap<KeyFrameId, [f32; 3]>,
+    /// Whether lines of a correction stand there.
+    shows_correction: bool,
 }
 
 impl World {
@@ -56,10 +64,36 @@ impl World {
         log_tracked(file, at, report, map)?;
         let counts = &report.counts;
         let edits = counts.points_created + counts.points_culled + counts.points_fused + counts.ba_outliers;
-        if report.new_keyframe.is_some() || edits > 0 || new_map {
+        let corrected = std::mem::replace(&mut self.corrections, map.corrections()) != map.corrections();
+        if report.new_keyframe.is_some() || edits > 0 || new_map || corrected || self.shows_correction {
             log_points(file, at, report.map, map)?;
             log_keyframes(file, at, report.map, map, camera)?;
+            self.log_correction(file, at, report.map, map, corrected)?;
         }
+        Ok(())
+    }
+
+    /// Lines from where keyframes were to where a correction put them, for one frame.
+    fn log_correction(
+        &mut self,
+        file: &mut RrdWriter,
+        at: At,
+        active: MapId,
+        map: &Map,
+        corrected: bool,
+    ) -> Result<(), RrdError> {
+        let keyframes = map.keyframes().filter(|k| k.map == active);
+        let now: BTreeMap<KeyFrameId, [f32; 3]> = keyframes.map(|k| (k.id, point(&k.center()))).collect();
+        let before = std::mem::replace(&mut self.keyframes, now);
+        if corrected || self.shows_correction {
+            let moved = self.keyframes.iter().filter(|_| corrected);
+            let moved =
+                moved.filter_map(|(id, to)| before.get(id).filter(|from| *from != to).map(|from| vec![*from, *to]));
+            let strips: Vec<_> = moved.collect();
+            let lines = Lines3d { strips: &strips, colors: &[style::ORANGE], radii: &[Radius::Ui(1.5)] };
+            file.log("/world/corrections", at, &lines)?;
+        }
+        self.shows_correction = corrected;
         Ok(())
     }
 
@@ -169,7 +203,11 @@ fn log_keyframes(file: &mut RrdWriter, at: At, active: MapId, map: &Map, camera:
 
     let mut edges = Vec::new();
     let mut colors: Vec<Rgba> = Vec::new();
+    let mut loops = Vec::new();
     for keyframe in keyframes {
+        for other in keyframe.loops.iter().filter(|other| **other > keyframe.id).filter_map(|id| map.keyframe(*id)) {
+            loops.push(vec![point(&keyframe.center()), point(&other.center())]);
+        }
         for &(other, shared) in &keyframe.covisible {
             // Each edge is known to both ends: draw it from the older one.
             let Some(other) = map.keyframe(other).filter(|other| other.id > keyframe.id) else { continue };
@@ -177,6 +215,7 @@ fn log_keyframes(file: &mut RrdWriter, at: At, active: MapId, map: &Map, camera:
             colors.push([90, 220, 200, (30 + shared / 2).min(220) as u8]);
         }
     }
+    file.log("/world/loops", at, &Lines3d { strips: &loops, colors: &[style::LOOP], radii: &[Radius::Ui(2.5)] })?;
     file.log("/world/covisibility", at, &Lines3d { strips: &edges, colors: &colors, radii: &[Radius::Ui(0.6)] })
 }
 
