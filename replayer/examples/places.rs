@@ -5,9 +5,10 @@
 //! one place when more than half of the depth of each is seen by the other. Keyframes of the last 1.5 s are left out, as
 //! a slam that knows its neighbours does. Time and memory are those of the index alone.
 //!
-//! [`PlaceIndex`] is compared with two vocabularies of 10,000 words: one trained on the synthetic world, which could be
+//! The index of descriptors is compared with two vocabularies of 10,000 words: one trained on the synthetic world, which could be
 //! shipped, and one trained on the very logs that it is judged by, which no user has. Each gets the least score that gives
-//! as many candidates over all logs as the index has: what is looked at closer costs the same.
+//! as many candidates over all logs as the index has: what is looked at closer costs the same. The lines "as in a replay"
+//! have what `looping.min_word_share` of the best neighbour's score lets through.
 
 #[path = "verdicts/steps.rs"]
 mod steps;
@@ -21,7 +22,7 @@ use replayer::read_truth;
 use slam::{Config, DepthImage};
 use slam_math::{Rng, Se3};
 use slam_vision::{
-    Descriptor, OrbConfig, OrbExtractor, PlaceIndex, Vocabulary, VocabularyOptions, WordIndex, Workspace, gray_from_rgb,
+    Descriptor, OrbConfig, OrbExtractor, Places, Vocabulary, VocabularyOptions, Workspace, gray_from_rgb,
 };
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
@@ -86,35 +87,7 @@ fn numbered(descriptors: &[Descriptor]) -> Vec<(u32, Descriptor)> {
     (0..).zip(descriptors.iter().copied()).collect()
 }
 
-/// What is compared.
-trait Places {
-    fn add(&mut self, keyframe: u32, descriptors: &[Descriptor]);
-    /// Keyframes with their scores, best first.
-    fn query(&self, descriptors: &[Descriptor], votes: &dyn Fn(u32) -> bool) -> Vec<(u32, f64)>;
-}
-
-impl Places for PlaceIndex {
-    fn add(&mut self, keyframe: u32, descriptors: &[Descriptor]) {
-        self.add(keyframe, &numbered(descriptors));
-    }
-
-    fn query(&self, descriptors: &[Descriptor], votes: &dyn Fn(u32) -> bool) -> Vec<(u32, f64)> {
-        let found = self.query(descriptors, usize::MAX, |keyframe, _| votes(keyframe));
-        found.into_iter().map(|(keyframe, count)| (keyframe, f64::from(count))).collect()
-    }
-}
-
-impl Places for WordIndex {
-    fn add(&mut self, keyframe: u32, descriptors: &[Descriptor]) {
-        self.add(keyframe, &numbered(descriptors));
-    }
-
-    fn query(&self, descriptors: &[Descriptor], votes: &dyn Fn(u32) -> bool) -> Vec<(u32, f64)> {
-        self.query(descriptors, usize::MAX, |keyframe, _| votes(keyframe))
-    }
-}
-
-type New<'a> = &'a dyn Fn() -> Box<dyn Places>;
+type New<'a> = &'a dyn Fn() -> Places;
 
 /// The older keyframes of one place with each keyframe of a log, and how much of it they see.
 struct Truth {
@@ -138,13 +111,18 @@ fn is_old(view: &View, other: &View) -> bool {
     view.stamp_s - other.stamp_s > TEMPORAL_S
 }
 
-/// The best older keyframes of each keyframe of a log, with their scores.
-fn candidates(views: &[View], new: New<'_>) -> Vec<Vec<(usize, f64)>> {
+/// The best older keyframes of each keyframe of a log, with their scores: absolute ones, or as shares of the best score of
+/// the keyframes that are no older.
+fn candidates(views: &[View], new: New<'_>, relative: bool) -> Vec<Vec<(usize, f64)>> {
     let mut index = new();
     let of = |(id, view): (usize, &View)| {
-        let found = index.query(&view.descriptors, &|other| is_old(view, &views[other as usize]));
-        index.add(id as u32, &view.descriptors);
-        found.into_iter().take(CANDIDATES).map(|(other, score)| (other as usize, score)).collect()
+        let found = index.query(&view.descriptors, usize::MAX, |_, _| true);
+        index.add(id as u32, &numbered(&view.descriptors));
+        let (old, near): (Vec<_>, Vec<_>) =
+            found.into_iter().partition(|(other, _)| is_old(view, &views[*other as usize]));
+        let unit = near.first().map_or(1.0, |(_, score)| *score);
+        let scaled = |(other, score): (u32, f64)| (other as usize, if relative { score / unit } else { score });
+        old.into_iter().take(CANDIDATES).map(scaled).collect()
     };
     views.iter().enumerate().map(of).collect()
 }
@@ -188,11 +166,11 @@ fn scale(views: &[&View], keyframes: usize, new: New<'_>) -> f64 {
             d
         };
         let changed: Vec<Descriptor> = views[id % views.len()].descriptors.iter().copied().map(flip).collect();
-        index.add(id as u32, &changed);
+        index.add(id as u32, &numbered(&changed));
     }
     let queries = || views.iter().step_by(1 + views.len() / 50);
     let start = cpu_ns();
-    let found = queries().map(|v| index.query(&v.descriptors, &|_| true)).collect::<Vec<_>>();
+    let found = queries().map(|v| index.query(&v.descriptors, usize::MAX, |_, _| true)).collect::<Vec<_>>();
     (cpu_ns() - start) as f64 * 1e-6 / found.len() as f64
 }
 
@@ -228,11 +206,14 @@ fn run() -> Result<()> {
     let own = train(&all.iter().flatten().map(|view| view.descriptors.clone()).collect::<Vec<_>>())?;
     println!("words: {} of the synthetic world, {} of the logs", shipped.len(), own.len());
     let methods: [(&str, New<'_>); 3] = [
-        ("index", &|| Box::new(PlaceIndex::new())),
-        ("words of the synthetic world", &|| Box::new(WordIndex::new(shipped.clone()))),
-        ("words of the logs themselves", &|| Box::new(WordIndex::new(own.clone()))),
+        ("index", &Places::default),
+        ("words of the synthetic world", &|| Places::new(Some(shipped.clone()))),
+        ("words of the logs themselves", &|| Places::new(Some(own.clone()))),
     ];
-    let found = methods.map(|(_, new)| all.iter().map(|views| candidates(views, new)).collect::<Vec<_>>());
+    let of_all = |new, relative| all.iter().map(|views| candidates(views, new, relative)).collect::<Vec<_>>();
+    let found = methods.map(|(_, new)| of_all(new, false));
+    let relative = methods.map(|(_, new)| of_all(new, true));
+    let least_share = Config::default().looping.min_word_share;
     let strong = found[0].iter().flatten().flatten().filter(|(_, votes)| *votes >= MIN_VOTES).count();
     let least = [MIN_VOTES, least_of(strong, &found[1]), least_of(strong, &found[2])];
     for (log, views) in all.iter().enumerate() {
@@ -240,6 +221,9 @@ fn run() -> Result<()> {
         let truth = truth(views);
         for (method, (name, _)) in methods.iter().enumerate() {
             judge(name, &truth, &found[method][log], least[method]);
+            if method > 0 {
+                judge(&format!("{name}, as in a replay"), &truth, &relative[method][log], least_share);
+            }
         }
     }
     let views: Vec<&View> = all.iter().flatten().collect();

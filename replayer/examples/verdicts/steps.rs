@@ -7,8 +7,8 @@ use replayer::log::{DecodedFrame, Log, MaskPixels, decode};
 use schemas::calibration::Distortion as Lens;
 use slam::observation::Observation;
 use slam::{
-    Category, Config, DepthImage, FrameInput, FrameReport, Inline, PanopticMask, Segment, Sensor, Setup, Slam,
-    Unobserved,
+    Category, Config, DepthImage, FrameInput, FrameReport, Inline, Observer, PanopticMask, Segment, Sensor, Setup,
+    Slam, Unobserved,
 };
 use slam_math::{FrameId, Stamp};
 use slam_vision::{Camera, Distortion, Workspace, gray_from_rgb};
@@ -18,8 +18,35 @@ use super::Result;
 /// Takes a frame's report, the frame, its features, and the picture's width and height in pixels.
 pub type Each<'a> = &'a mut dyn FnMut(&FrameReport, &FrameInput, &Observation, (u32, u32)) -> Result<()>;
 
+/// Is told of the steps of a frame that the slam does not tell of.
+pub trait Watch: Observer {
+    /// A frame has been decoded.
+    fn frame_begins(&mut self) {}
+    /// Its features are known.
+    fn features_done(&mut self) {}
+}
+
+impl Watch for Unobserved {}
+
+/// Frames of the log with its default segmentation layer.
+#[allow(dead_code, reason = "not every example counts")]
+pub fn frame_count(log: &Path) -> Result<usize> {
+    let log = Log::open(log)?;
+    Ok(log.timeline(log.default_layer())?.frames().len())
+}
+
 /// Replays the log with its default segmentation layer and shows every frame to `each`.
+#[allow(dead_code, reason = "not every example is satisfied with reports")]
 pub fn for_each_report(log: &Path, config: &Config, each: Each<'_>) -> Result<()> {
+    watch_each_report(log, config, &mut Unobserved, &mut |report, input, obs, size, _| each(report, input, obs, size))
+}
+
+/// What [`Each`] takes, and who watches.
+pub type EachWatched<'a, W> =
+    &'a mut dyn FnMut(&FrameReport, &FrameInput, &Observation, (u32, u32), &mut W) -> Result<()>;
+
+/// The same, watched.
+pub fn watch_each_report<W: Watch>(log: &Path, config: &Config, watch: &mut W, each: EachWatched<'_, W>) -> Result<()> {
     let log = Log::open(log)?;
     let timeline = log.timeline(log.default_layer())?;
     let model = log.camera()?;
@@ -36,9 +63,11 @@ pub fn for_each_report(log: &Path, config: &Config, each: Each<'_>) -> Result<()
     for raw in timeline.stream(0..timeline.frames().len())? {
         let frame = decode(&raw?, &model)?;
         let (stamp, input) = (frame.stamp, input(frame)?);
+        watch.frame_begins();
         let observation = Arc::new(slam.front_end().observe(&input, &mut workspace)?);
-        let report = slam.step(&input, observation.clone(), &mut Inline, &mut Unobserved)?;
-        each(&report, &input, &observation, size)
+        watch.features_done();
+        let report = slam.step(&input, observation.clone(), &mut Inline, watch)?;
+        each(&report, &input, &observation, size, watch)
             .map_err(|error| format!("picture {} at {stamp} s: {error}", report.id))?;
     }
     Ok(())
