@@ -175,6 +175,8 @@ fn what_no_mask_covers_is_refused_by_name() {
     write_log(&a, &|_| Some(true), &mut |log| {
         let picture = CompressedImage { header: Default::default(), format: "png".to_owned(), data: vec![0].into() };
         log.log().write("/other/camera", Stamp(1), &picture).unwrap();
+        // Half a second before the first picture.
+        log.depth(Stamp(500_000_000), &[9000; SIZE.0 * SIZE.1]).unwrap();
         log.log().attach("photo.jpg", "image/jpeg", Stamp(1), b"x").unwrap();
         log.log().attach("calibration/camera.json", "application/json", Stamp(1), b"{}").unwrap();
     });
@@ -187,6 +189,8 @@ fn what_no_mask_covers_is_refused_by_name() {
     redacted(&a, &b, &RedactOptions { drops: &drops, allows: &allows, ..options(false) }).unwrap();
     let content = Content::read(&b);
     assert!(!content.topics().contains(&"/other/camera") && content.attachments.len() == 2);
+    let far = Image::decode(&content.on(topics::DEPTH).next().unwrap().4).unwrap().pixels_u16().unwrap();
+    assert!(far.iter().all(|value| *value == 0), "nobody knows who was there");
     let unknown = RedactOptions { classes: ["unicorn".to_owned()].into(), ..options(false) };
     let error = redacted(&a, &folder.path().join("c"), &unknown).unwrap_err();
     assert!(error.to_string().contains("unicorn"), "{error}");

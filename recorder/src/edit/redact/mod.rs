@@ -1,7 +1,7 @@
 //! A log that can be shown: people, as a segmentation layer has them, taken out of pictures, depth and masks.
 //!
-//! A first pass finds who is where ([`people`]) and refuses what no mask can vouch for; a second one rewrites the pictures
-//! ([`pixels`]). What is redacted of a frame is the area of the classes in it and in the frames around, grown by a margin;
+//! A first pass finds who is where (`people.rs`) and refuses what no mask can vouch for; a second one rewrites the pictures
+//! (`pixels.rs`). What is redacted of a frame is the area of the classes in it and in the frames around, grown by a margin;
 //! masks then say that all of it is the first of the classes, so that a replay uses nothing of it and no outline is left.
 
 mod area;
@@ -32,6 +32,9 @@ use std::sync::Arc;
 const CALIBRATION_PREFIX: &str = "calibration/";
 /// Covers that are kept: a frame's messages stand near each other.
 const KEPT_COVERS: usize = 8;
+
+/// An image farther than this from any frame has no mask that tells who is in it.
+const FAR_NS: u64 = 100_000_000;
 
 /// What to redact and how.
 #[derive(Clone)]
@@ -229,18 +232,20 @@ impl Redaction<'_> {
         Ok(cover)
     }
 
-    /// What is redacted of an image with this stamp: its frame's, or that of both frames around.
+    /// What is redacted of an image with this stamp: its frame's, or that of the frames around, or all if they are far.
     fn cover_at(&mut self, stamp: Stamp, frame: Option<usize>) -> Result<Arc<Cover>, EditError> {
         if let Some(frame) = frame {
             return self.cover(frame);
         }
+        let size = self.people.size().unwrap_or_default();
         let after = self.frames.partition_point(|frame| frame.stamp < stamp);
-        let around: Vec<usize> = [after.checked_sub(1), Some(after).filter(|after| *after < self.frames.len())]
-            .into_iter()
-            .flatten()
-            .collect();
-        let mut joined = Cover::none(self.people.size().unwrap_or_default());
-        for frame in around {
+        let around = after.saturating_sub(1)..(after + 1).min(self.frames.len());
+        let near: Vec<usize> = around.filter(|at| self.frames[*at].stamp.abs_diff(stamp) <= FAR_NS).collect();
+        if near.is_empty() {
+            return Ok(Arc::new(Cover::whole(size)));
+        }
+        let mut joined = Cover::none(size);
+        for frame in near {
             joined = joined.joined(&*self.cover(frame)?);
         }
         Ok(Arc::new(joined))

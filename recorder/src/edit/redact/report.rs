@@ -75,7 +75,7 @@ impl RedactOptions<'_> {
         let classes: Vec<&str> = self.classes.iter().map(String::as_str).collect();
         let mut values = BTreeMap::from([
             ("layer".to_owned(), self.layer.clone()),
-            ("classes".to_owned(), classes.join(" ")),
+            ("classes".to_owned(), classes.join(", ")),
             ("margin_px".to_owned(), self.margin_px.to_string()),
             ("neighbours".to_owned(), self.neighbours.to_string()),
             ("motion_px".to_owned(), self.motion_px.to_string()),
