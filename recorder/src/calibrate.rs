@@ -175,6 +175,7 @@ impl Calibrator {
         let square_error = self.views.iter().fold(0.0, |sum, view| sum + view.square_error);
         let pose = |view: &View| PoseSample {
             stamp_ns: view.stamp_ns,
+            system_ns: None,
             translation_m: view.board_from_camera.translation.into(),
             rotation_xyzw: view.board_from_camera.quaternion_xyzw(),
         };

@@ -16,6 +16,9 @@ use std::collections::BTreeMap;
 pub struct PoseSample {
     /// Nanoseconds on the source's clock as it stands in the log.
     pub stamp_ns: i64,
+    /// The same moment on the motion capture system's own clock, which has no zero anybody knows but steady steps: frame
+    /// number times period, or the sending computer's time; nanoseconds.
+    pub system_ns: Option<i64>,
     /// Metres in the source's world.
     pub translation_m: [f64; 3],
     /// `world_from_body` as quaternion x y z w.
@@ -25,7 +28,8 @@ pub struct PoseSample {
 /// Everything in a log that tells clocks and frames, without pictures.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Signals {
-    /// By stream: unwrapped device time and host monotonic time at arrival, nanoseconds.
+    /// By stream: unwrapped device time and host monotonic time at arrival, nanoseconds. For `mocap`: the system's own time
+    /// and the frame's stamp, which is its arrival less the latency that was told.
     pub arrivals: BTreeMap<String, Vec<(i64, i64)>>,
     /// Gyroscope: stamp in nanoseconds and rad/s in the sensor's frame.
     pub gyro: Vec<(i64, [f64; 3])>,
@@ -77,11 +81,35 @@ impl Signals {
     /// One frame of the mocap.
     pub fn mocap(&mut self, frame: &MocapFrame) {
         let stamp_ns = Stamp::from(frame.header.stamp).0;
+        let system_ns = system_ns(frame);
+        if let Some(system_ns) = system_ns {
+            self.arrivals.entry("mocap".to_owned()).or_default().push((system_ns, stamp_ns));
+        }
         for body in frame.bodies.iter().filter(|body| !body.occluded && !body.suspect) {
             let (p, q) = (&body.pose.position, &body.pose.orientation);
-            let sample = PoseSample { stamp_ns, translation_m: [p.x, p.y, p.z], rotation_xyzw: [q.x, q.y, q.z, q.w] };
+            let (translation_m, rotation_xyzw) = ([p.x, p.y, p.z], [q.x, q.y, q.z, q.w]);
+            let sample = PoseSample { stamp_ns, system_ns, translation_m, rotation_xyzw };
             self.bodies.entry(format!("{}/{}", body.subject, body.segment)).or_default().push(sample);
         }
+    }
+}
+
+/// The time of a frame on the system's own clock.
+fn system_ns(frame: &MocapFrame) -> Option<i64> {
+    if frame.source_stamp_ns != NOT_TOLD {
+        return Some(frame.source_stamp_ns);
+    }
+    let counts = frame.frame_number != NOT_TOLD && frame.rate > 0.0;
+    counts.then(|| (frame.frame_number as f64 / frame.rate * 1e9).round() as i64)
+}
+
+impl PoseSample {
+    /// When it was taken: by the system's own clock where `clock` tells how that one runs, else as it was stamped. The
+    /// stamp has all the jitter of the way to the recorder.
+    #[must_use]
+    pub fn moment_ns(&self, clock: Option<&ClockFit>) -> i64 {
+        let covered = clock.zip(self.system_ns).filter(|(clock, system_ns)| clock.covers(*system_ns));
+        covered.map_or(self.stamp_ns, |(clock, system_ns)| clock.host_ns(system_ns))
     }
 }
 
@@ -107,6 +135,12 @@ pub struct ClockFit {
 }
 
 impl ClockFit {
+    /// Whether a moment of the device clock lies among the samples; a clock that was set anew is another one.
+    #[must_use]
+    pub fn covers(&self, device_ns: i64) -> bool {
+        (0.0..=self.span_s).contains(&((device_ns - self.origin_ns) as f64 * 1e-9))
+    }
+
     /// The host's clock when the device's showed `device_ns`, nanoseconds.
     #[must_use]
     pub fn host_ns(&self, device_ns: i64) -> i64 {

@@ -56,8 +56,8 @@ pub struct System {
 #[command(next_help_heading = "Planted truths")]
 struct Truth {
     /// Pose of the camera in the marker body: metres and a unit quaternion.
-    #[arg(long, value_name = "X,Y,Z,QX,QY,QZ,QW", value_delimiter = ',', num_args = 7, allow_hyphen_values = true)]
-    marker_from_camera: Vec<f64>,
+    #[arg(long, value_name = "X,Y,Z,QX,QY,QZ,QW", value_parser = pose, allow_hyphen_values = true)]
+    marker_from_camera: Option<Se3>,
     /// By how much the poses lag behind beyond the latency that is told, milliseconds.
     #[arg(long, value_name = "MS", default_value = "0", allow_negative_numbers = true)]
     offset_ms: f64,
@@ -117,7 +117,7 @@ impl System {
             subjects: subjects.collect::<anyhow::Result<_>>()?,
             rate_hz: self.rate,
             looped: self.looped,
-            marker_from_camera: self.truth.marker_from_camera()?,
+            marker_from_camera: self.truth.marker_from_camera.unwrap_or_else(Se3::identity),
             clock_offset_ns: (self.truth.offset_ms * 1e6).round() as i64,
             drift_ppm: self.truth.drift_ppm,
             latency_s: self.truth.latency_ms * 1e-3,
@@ -127,18 +127,17 @@ impl System {
     }
 }
 
-impl Truth {
-    fn marker_from_camera(&self) -> Result<Se3, Usage> {
-        let [x, y, z, qx, qy, qz, qw] = self.marker_from_camera[..] else { return Ok(Se3::identity()) };
-        let length = (qx * qx + qy * qy + qz * qz + qw * qw).sqrt();
-        // Three decimals are enough for a person to type.
-        if !(length - 1.0).abs().is_finite() || (length - 1.0).abs() > 1e-2 {
-            return Err(Usage(format!(
-                "--marker-from-camera: quaternion {qx},{qy},{qz},{qw} has length {length}, not 1"
-            )));
-        }
-        Ok(Se3::from_quaternion([x, y, z], [qx, qy, qz, qw]))
+/// A pose as people type it; three decimals of the quaternion are enough.
+fn pose(text: &str) -> Result<Se3, String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
+    let Ok([x, y, z, qx, qy, qz, qw]) = numbers.as_deref() else {
+        return Err("give seven numbers with commas between them".to_owned());
+    };
+    let length = (qx * qx + qy * qy + qz * qz + qw * qw).sqrt();
+    if !length.is_finite() || (length - 1.0).abs() > 1e-2 {
+        return Err(format!("the quaternion {qx},{qy},{qz},{qw} has length {length}, not 1"));
     }
+    Ok(Se3::from_quaternion([*x, *y, *z], [*qx, *qy, *qz, *qw]))
 }
 
 /// The path of a source.

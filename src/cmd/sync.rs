@@ -94,6 +94,7 @@ fn sample(pose: &replayer::eval::StampedPose) -> PoseSample {
     let world = &pose.world_from_camera;
     PoseSample {
         stamp_ns: pose.stamp.0,
+        system_ns: None,
         translation_m: world.translation.into(),
         rotation_xyzw: world.quaternion_xyzw(),
     }

@@ -16,13 +16,16 @@ const MAX_WINDOWS: usize = 1000;
 /// Windows needed for a drift.
 const MIN_WINDOWS: usize = 5;
 
-/// Fits `(device, arrival)` pairs in nanoseconds; the device's counter is unwrapped already. Order does not matter.
+/// A clock that changes by more against the host's between two samples has been set anew, nanoseconds.
+const RESET_NS: i64 = 1_000_000_000;
+
+/// Fits `(device, arrival)` pairs in nanoseconds; the device's counter is unwrapped already. Order does not matter. Of a
+/// device whose clock began anew the longest piece counts.
 ///
 /// # Errors
 /// Fewer than five seconds of samples.
 pub fn fit_clock(samples: &[(i64, i64)]) -> Result<ClockFit, SyncError> {
-    let mut samples = samples.to_vec();
-    samples.sort_unstable();
+    let samples = longest_piece(samples);
     let few = |found| SyncError::TooFew { what: "seconds of device time with arrivals", found, needed: MIN_WINDOWS };
     let (Some(first), Some(last)) = (samples.first().copied(), samples.last().copied()) else { return Err(few(0)) };
     let earliest = earliest_arrivals(&samples, first.0);
@@ -53,6 +56,18 @@ pub fn fit_clock(samples: &[(i64, i64)]) -> Result<ClockFit, SyncError> {
         samples: samples.len(),
         span_s: (last.0 - first.0) as f64 * 1e-9,
     })
+}
+
+/// The samples between two resets of the device's clock, sorted by it; of equal pieces the first.
+fn longest_piece(samples: &[(i64, i64)]) -> Vec<(i64, i64)> {
+    let mut samples = samples.to_vec();
+    samples.sort_unstable_by_key(|(device, arrival)| (*arrival, *device));
+    let is_one_clock = |a: &(i64, i64), b: &(i64, i64)| ((b.1 - b.0) - (a.1 - a.0)).abs() < RESET_NS;
+    let pieces = samples.chunk_by(is_one_clock);
+    let longest = pieces.fold(&[][..], |best, piece| if piece.len() > best.len() { piece } else { best });
+    let mut longest = longest.to_vec();
+    longest.sort_unstable();
+    longest
 }
 
 /// The sample with the least delay of every window.
@@ -108,6 +123,17 @@ mod tests {
             assert!((fit.host_ns(7_000_000_000) - truth).abs() < 300_000, "{fit:?}");
             assert!(fit.delay_max_ns > 79e6 && fit.delay_p50_ns < 3e6, "{fit:?}");
         }
+    }
+
+    #[test]
+    fn a_clock_that_began_anew_is_another_one() {
+        let (short, long) = (arrivals(0.0, 20), arrivals(20.0, 60));
+        // The device was reset after 20 s and counts from its beginning again, 30 s later.
+        let later = long.iter().map(|(device, host)| (device - 7_000_000_000, host + 30_000_000_000));
+        let both: Vec<(i64, i64)> = short.into_iter().chain(later).collect();
+        let fit = fit_clock(&both).unwrap();
+        assert!((fit.drift_ppm - 20.0).abs() < 4.0 && fit.samples == long.len(), "{fit:?}");
+        assert!(fit.covers(1_000_000_000) && !fit.covers(fit.origin_ns - 1) && !fit.covers(61_000_000_000));
     }
 
     #[test]

@@ -4,8 +4,9 @@ use super::{
     AngularVelocity, HandEyeOptions, OffsetOptions, SyncError, estimate_offset, fit_clock, from_gyro, from_poses,
     hand_eye,
 };
-use schemas::sync::{BodySync, Estimate, PoseSample, Signals, SyncRecord};
+use schemas::sync::{BodySync, ClockFit, Estimate, PoseSample, Signals, SyncRecord};
 use slam_math::{Se3, StampedPose, Track};
+use std::collections::BTreeMap;
 
 /// How to solve.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -20,6 +21,7 @@ pub struct SyncOptions {
 
 /// The methods, as a log tells them.
 const METHOD: &str = "device clocks: line through the earliest arrival of each second (Theil-Sen); \
+    mocap frames: at their number times the period, put on the host's clock by the same line; \
     offset: correlation of angular speeds, then robust least squares over rotation, bias, offset and drift; \
     hand-eye: AX = XB on motions of 0.75, 1.5 and 3 s, rotation by singular values, translation by robust least squares";
 
@@ -27,8 +29,10 @@ const METHOD: &str = "device clocks: line through the earliest arrival of each s
 /// poses do; the hand-eye transform needs camera poses.
 #[must_use]
 pub fn solve(signals: &Signals, options: &SyncOptions) -> SyncRecord {
-    let clocks = signals.arrivals.iter().map(|(stream, pairs)| (stream.clone(), estimate(fit_clock(pairs)))).collect();
-    let camera = track(&signals.camera);
+    let clocks: BTreeMap<String, Estimate<ClockFit>> =
+        signals.arrivals.iter().map(|(stream, pairs)| (stream.clone(), estimate(fit_clock(pairs)))).collect();
+    let mocap_clock = clocks.get("mocap").and_then(Estimate::found);
+    let camera = track(&signals.camera, None);
     let (camera_side, turning) = match signals.gyro.len() {
         0 => ("camera poses", from_poses(&camera)),
         _ => ("gyroscope", from_gyro(&signals.gyro)),
@@ -37,8 +41,11 @@ pub fn solve(signals: &Signals, options: &SyncOptions) -> SyncRecord {
         options.body.as_ref().is_none_or(|body| body == *name || name.split_once('/').is_some_and(|(s, _)| s == body))
     };
     let names = signals.bodies.keys().filter(wanted);
-    let bodies =
-        names.map(|name| solve_body(name, camera_side, &turning, &camera, signals, options)).collect::<Vec<_>>();
+    let solved = |name: &String| {
+        let marker = track(&signals.bodies[name], mocap_clock);
+        solve_body(name, &marker, camera_side, &turning, &camera, options)
+    };
+    let bodies = names.map(solved).collect::<Vec<_>>();
     let agreement = |body: &BodySync| body.offset.found().map(|offset| offset.correlation);
     // The first of equals, so that the order of names decides.
     let best =
@@ -53,20 +60,19 @@ pub fn solve(signals: &Signals, options: &SyncOptions) -> SyncRecord {
 
 fn solve_body(
     name: &str,
+    marker: &Track,
     camera_side: &str,
     turning: &AngularVelocity,
     camera: &Track,
-    signals: &Signals,
     options: &SyncOptions,
 ) -> BodySync {
-    let marker = track(&signals.bodies[name]);
     let offset = if turning.time_s.is_empty() {
         Err(SyncError::TooFew { what: "samples of a gyroscope, or camera poses", found: 0, needed: 1 })
     } else {
-        estimate_offset(turning, &from_poses(&marker), &options.offset)
+        estimate_offset(turning, &from_poses(marker), &options.offset)
     };
     let hand_eye = match &offset {
-        Ok(offset) if !camera.poses().is_empty() => estimate(hand_eye(camera, &marker, offset, &options.hand_eye)),
+        Ok(offset) if !camera.poses().is_empty() => estimate(hand_eye(camera, marker, offset, &options.hand_eye)),
         Ok(_) => Estimate::Missing("it needs camera poses: `pslam sync LOG` estimates them".to_owned()),
         Err(_) => Estimate::Missing("it needs the clock offset".to_owned()),
     };
@@ -83,9 +89,9 @@ fn estimate<T>(result: Result<T, SyncError>) -> Estimate<T> {
     result.map_or_else(|error| Estimate::Missing(error.to_string()), Estimate::Found)
 }
 
-fn track(samples: &[PoseSample]) -> Track {
+fn track(samples: &[PoseSample], clock: Option<&ClockFit>) -> Track {
     let pose = |sample: &PoseSample| StampedPose {
-        stamp_ns: sample.stamp_ns,
+        stamp_ns: sample.moment_ns(clock),
         world_from_body: Se3::from_quaternion(sample.translation_m, sample.rotation_xyzw),
     };
     Track::new(samples.iter().map(pose).collect())

@@ -6,30 +6,34 @@ use recorder::realsense::*;
 use schemas::Message as _;
 use schemas::msg::{CompressedImage, FrameMetadata, Image, Imu};
 use schemas::topics;
+use std::collections::BTreeMap;
 use std::path::Path;
 
-/// All samples, stream by stream.
-pub fn samples_of_log(path: &Path) -> Vec<Sample> {
+/// Topics of a stream's measurements and of what was told about them.
+const STREAMS: [(StreamKind, &str, &str); 4] = [
+    (StreamKind::Depth, topics::DEPTH_NATIVE, topics::DEPTH_NATIVE_METADATA),
+    (StreamKind::Color, topics::COLOR, topics::COLOR_METADATA),
+    (StreamKind::Gyro, topics::GYRO, topics::GYRO_METADATA),
+    (StreamKind::Accel, topics::ACCEL, topics::ACCEL_METADATA),
+];
+
+/// Hands over all samples in the log's order.
+pub fn for_each_sample(path: &Path, take: &mut dyn FnMut(StreamKind, Sample)) {
     let bytes = std::fs::read(path).unwrap();
-    let on = |wanted: &str| -> Vec<Vec<u8>> {
-        let messages = mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap);
-        messages.filter(|message| message.channel.topic == wanted).map(|message| message.data.to_vec()).collect()
-    };
-    let mut samples = Vec::new();
-    let streams = [
-        (StreamKind::Depth, topics::DEPTH_NATIVE, topics::DEPTH_NATIVE_METADATA),
-        (StreamKind::Color, topics::COLOR, topics::COLOR_METADATA),
-        (StreamKind::Gyro, topics::GYRO, topics::GYRO_METADATA),
-        (StreamKind::Accel, topics::ACCEL, topics::ACCEL_METADATA),
-    ];
-    for (kind, topic, metadata_topic) in streams {
-        let (measured, told) = (on(topic), on(metadata_topic));
-        assert_eq!(measured.len(), told.len(), "{topic}");
-        for (data, told) in measured.iter().zip(&told) {
-            samples.push(sample(kind, data, &FrameMetadata::decode(told).unwrap()));
+    let mut measured: BTreeMap<&str, Vec<u8>> = BTreeMap::new();
+    for message in mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap) {
+        let on = |topic: &str| message.channel.topic == topic;
+        for (kind, topic, metadata_topic) in STREAMS {
+            if on(topic) {
+                assert!(measured.insert(topic, message.data.to_vec()).is_none(), "{topic}: nothing was told about one");
+            } else if on(metadata_topic) {
+                // The metadata follow their measurement.
+                let data = measured.remove(topic).unwrap();
+                take(kind, sample(kind, &data, &FrameMetadata::decode(&message.data).unwrap()));
+            }
         }
     }
-    samples
+    assert!(measured.is_empty());
 }
 
 fn sample(kind: StreamKind, data: &[u8], told: &FrameMetadata) -> Sample {

@@ -2,8 +2,7 @@
 
 mod log;
 
-pub use log::samples_of_log;
-
+use log::for_each_sample;
 use recorder::Arrival;
 use recorder::realsense::*;
 use schemas::alignment::{Aligner, Intrinsics, LensModel, Rounding};
@@ -124,6 +123,13 @@ pub fn assert_same(fed: &[Sample], got: &[Sample]) {
             assert!(got == fed, "{kind:?}: got {:?}, fed {:?}", header(&got), header(&fed));
         }
     }
+}
+
+/// All samples of a log.
+pub fn samples_of_log(path: &Path) -> Vec<Sample> {
+    let mut samples = Vec::new();
+    for_each_sample(path, &mut |_, sample| samples.push(sample));
+    samples
 }
 
 /// The ending of a recording that this version writes.

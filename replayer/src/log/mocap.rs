@@ -4,7 +4,7 @@
 //! was seen without a gap, and the hand-eye transform leads to the camera. A picture in an occlusion has no truth.
 
 use schemas::Stamp;
-use schemas::sync::{PoseSample, Signals, SyncRecord};
+use schemas::sync::{ClockFit, PoseSample, Signals, SyncRecord};
 use slam_math::{Se3, Track};
 
 use crate::eval::{StampedPose, Trajectory};
@@ -28,7 +28,8 @@ pub(crate) fn mocap_truth(signals: &Signals, record: Option<&SyncRecord>, pictur
     let hand_eye = synced.and_then(|body| body.hand_eye.found());
     let marker_from_camera =
         hand_eye.map_or_else(Se3::identity, |found| Se3::from_quaternion(found.translation_m, found.rotation_xyzw));
-    let marker = track(signals.bodies.get(name)?);
+    let clock = record.and_then(|record| record.clocks.get("mocap")?.found());
+    let marker = track(signals.bodies.get(name)?, clock);
     let pose = |stamp: &Stamp| {
         let mocap_ns = offset.map_or(stamp.0, |offset| offset.mocap_ns(stamp.0));
         Some(StampedPose { stamp: *stamp, world_from_camera: marker.at(mocap_ns)? * marker_from_camera })
@@ -47,9 +48,9 @@ pub(crate) fn mocap_truth(signals: &Signals, record: Option<&SyncRecord>, pictur
     Some(MocapTruth { trajectory: Trajectory { poses }, origin: format!("mocap body {name}, {clock}, {frame}") })
 }
 
-fn track(samples: &[PoseSample]) -> Track {
+fn track(samples: &[PoseSample], clock: Option<&ClockFit>) -> Track {
     let pose = |sample: &PoseSample| slam_math::StampedPose {
-        stamp_ns: sample.stamp_ns,
+        stamp_ns: sample.moment_ns(clock),
         world_from_body: Se3::from_quaternion(sample.translation_m, sample.rotation_xyzw),
     };
     Track::new(samples.iter().map(pose).collect())
@@ -65,6 +66,7 @@ mod tests {
     fn signals() -> Signals {
         let sample = |i: i64| PoseSample {
             stamp_ns: i * 10_000_000,
+            system_ns: None,
             translation_m: [i as f64 * 0.01, 0.0, 0.0],
             rotation_xyzw: [0.0, 0.0, 0.0, 1.0],
         };

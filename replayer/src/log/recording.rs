@@ -5,6 +5,7 @@ use schemas::msg::{
     TFMessage, level,
 };
 use schemas::{metadata, topics};
+use std::collections::BTreeMap;
 
 use super::Log;
 use super::check::Severity;
@@ -81,11 +82,7 @@ pub(super) fn findings(log: &Log) -> Vec<(Severity, &'static str, String)> {
     }
     let words = &log.own_words;
     let mut found = Vec::new();
-    for drop in &words.drops {
-        let DropRecord { stream, cause, first_counter, last_counter, count, .. } = drop;
-        let what = format!("{stream} {first_counter}..={last_counter}: {count} lost, by the {cause}");
-        found.push((Severity::Warning, "lost_in_recording", what));
-    }
+    found.extend(losses(&words.drops).map(|what| (Severity::Warning, "lost_in_recording", what)));
     for event in &words.events {
         found.push((Severity::Warning, "recording_event", format!("{}: {}", event.name, event.msg)));
     }
@@ -106,4 +103,26 @@ pub(super) fn findings(log: &Log) -> Vec<(Severity, &'static str, String)> {
         Some(_) => {}
     }
     found
+}
+
+/// Runs of lost measurements that are named one by one.
+const NAMED_RUNS: usize = 5;
+
+/// A sentence for each stream and cause.
+fn losses(drops: &[DropRecord]) -> impl Iterator<Item = String> {
+    let mut groups: BTreeMap<(&str, &str), Vec<&DropRecord>> = BTreeMap::new();
+    for drop in drops {
+        groups.entry((&drop.stream, &drop.cause)).or_default().push(drop);
+    }
+    groups.into_iter().map(|((stream, cause), runs)| {
+        let count: u64 = runs.iter().map(|run| run.count).sum();
+        let run = |run: &&DropRecord| match run.last_counter == run.first_counter {
+            true => run.first_counter.to_string(),
+            false => format!("{}..={}", run.first_counter, run.last_counter),
+        };
+        let named: Vec<String> = runs.iter().take(NAMED_RUNS).map(run).collect();
+        let more = runs.len().saturating_sub(NAMED_RUNS);
+        let more = if more > 0 { format!(" and {more} runs more") } else { String::new() };
+        format!("{stream}: {count} lost by the {cause}: {}{more}", named.join(", "))
+    })
 }
