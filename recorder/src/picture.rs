@@ -155,7 +155,7 @@ pub fn encode_color(pixels: &ColorPixels) -> Result<Vec<u8>, PictureError> {
 /// # Errors
 /// Sizes that do not fit the pixels.
 pub fn encode_gray8(width: u32, height: u32, pixels: &[u8]) -> Result<Vec<u8>, PictureError> {
-    encode_png(width, height, png::ColorType::Grayscale, png::BitDepth::Eight, pixels)
+    encode_png(width, height, png::ColorType::Grayscale, png::BitDepth::Eight, pixels, Packing::Fast)
 }
 
 /// An 8-bit RGB PNG, fast rather than small.
@@ -163,7 +163,24 @@ pub fn encode_gray8(width: u32, height: u32, pixels: &[u8]) -> Result<Vec<u8>, P
 /// # Errors
 /// Sizes that do not fit the pixels.
 pub fn encode_rgb8(width: u32, height: u32, pixels: &[u8]) -> Result<Vec<u8>, PictureError> {
-    encode_png(width, height, png::ColorType::Rgb, png::BitDepth::Eight, pixels)
+    pack_rgb8(width, height, pixels, Packing::Fast)
+}
+
+/// How a PNG is packed. Its pixels are the same in all cases.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Packing {
+    /// Compressed, fast rather than small.
+    Fast,
+    /// Not compressed: the pixels as they are between checksums.
+    Stored,
+}
+
+/// An 8-bit RGB PNG.
+///
+/// # Errors
+/// Sizes that do not fit the pixels.
+pub fn pack_rgb8(width: u32, height: u32, pixels: &[u8], packing: Packing) -> Result<Vec<u8>, PictureError> {
+    encode_png(width, height, png::ColorType::Rgb, png::BitDepth::Eight, pixels, packing)
 }
 
 /// A 16-bit greyscale PNG, fast rather than small.
@@ -172,7 +189,7 @@ pub fn encode_rgb8(width: u32, height: u32, pixels: &[u8]) -> Result<Vec<u8>, Pi
 /// Sizes that do not fit the pixels.
 pub fn encode_gray16(width: u32, height: u32, pixels: &[u16]) -> Result<Vec<u8>, PictureError> {
     let bytes: Vec<u8> = pixels.iter().flat_map(|p| p.to_be_bytes()).collect();
-    encode_png(width, height, png::ColorType::Grayscale, png::BitDepth::Sixteen, &bytes)
+    encode_png(width, height, png::ColorType::Grayscale, png::BitDepth::Sixteen, &bytes, Packing::Fast)
 }
 
 fn encode_png(
@@ -181,13 +198,17 @@ fn encode_png(
     color: png::ColorType,
     depth: png::BitDepth,
     pixels: &[u8],
+    packing: Packing,
 ) -> Result<Vec<u8>, PictureError> {
     let damaged = |error: png::EncodingError| PictureError::Damaged(error.to_string());
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, width, height);
     encoder.set_color(color);
     encoder.set_depth(depth);
-    encoder.set_compression(png::Compression::Fast);
+    encoder.set_compression(match packing {
+        Packing::Fast => png::Compression::Fast,
+        Packing::Stored => png::Compression::NoCompression,
+    });
     let mut writer = encoder.write_header().map_err(damaged)?;
     writer.write_image_data(pixels).map_err(damaged)?;
     writer.finish().map_err(damaged)?;

@@ -23,6 +23,21 @@ pub enum Distortion {
         /// Radial, r^6.
         k3: f64,
     },
+    /// The same with the tangential part taken from the radially bent point: librealsense's "modified" and "inverse"
+    /// Brown-Conrady, which it computes alike whatever their names say. The colour cameras of D455 and D405 are told by it.
+    #[serde(rename = "modified_radtan")]
+    ModifiedRadtan {
+        /// Radial, r^2.
+        k1: f64,
+        /// Radial, r^4.
+        k2: f64,
+        /// Tangential, along y.
+        p1: f64,
+        /// Tangential, along x.
+        p2: f64,
+        /// Radial, r^6.
+        k3: f64,
+    },
 }
 
 /// A camera: size and focal lengths in pixels; pixel centres at whole numbers, the first at (0, 0).
@@ -63,9 +78,10 @@ pub enum CalibrationError {
         /// Its value.
         value: f64,
     },
-    /// A distortion model that is neither `plumb_bob` nor none.
+    /// A distortion model that is not known.
     #[error(
-        "distortion model `{model}` with {count} parameters is not supported: use plumb_bob (k1 k2 p1 p2 k3) or none"
+        "distortion model `{model}` with {count} parameters is not supported: use plumb_bob, modified_brown_conrady, \
+         inverse_brown_conrady (k1 k2 p1 p2 k3) or none"
     )]
     Distortion {
         /// Its name.
@@ -76,6 +92,8 @@ pub enum CalibrationError {
 }
 
 const PLUMB_BOB: &str = "plumb_bob";
+/// What our recorder calls librealsense's models whose tangential part is taken from the radially bent point.
+const MODIFIED: [&str; 2] = ["modified_brown_conrady", "inverse_brown_conrady"];
 
 impl CameraModel {
     /// Checks size, focal lengths and finiteness.
@@ -101,14 +119,19 @@ impl CameraModel {
         let [k1, k2, p1, p2, k3] = self.distortion.parameters();
         let r2 = x * x + y * y;
         let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        let [tx, ty] = match self.distortion {
+            Distortion::ModifiedRadtan { .. } => [x * radial, y * radial],
+            Distortion::None | Distortion::Radtan { .. } => [x, y],
+        };
         let bent = [
-            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
-            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+            x * radial + 2.0 * p1 * tx * ty + p2 * (r2 + 2.0 * tx * tx),
+            y * radial + p1 * (r2 + 2.0 * ty * ty) + 2.0 * p2 * tx * ty,
         ];
         [self.fx * bent[0] + self.cx, self.fy * bent[1] + self.cy]
     }
 
-    /// The ROS message, with `plumb_bob` and five parameters (all zero without distortion).
+    /// The ROS message, with five parameters (all zero without distortion); a model that ROS has no name for keeps
+    /// librealsense's.
     #[must_use]
     pub fn to_camera_info(&self, header: Header) -> CameraInfo {
         let Self { width, height, fx, fy, cx, cy, .. } = *self;
@@ -116,7 +139,10 @@ impl CameraModel {
             header,
             height,
             width,
-            distortion_model: PLUMB_BOB.to_owned(),
+            distortion_model: match self.distortion {
+                Distortion::None | Distortion::Radtan { .. } => PLUMB_BOB.to_owned(),
+                Distortion::ModifiedRadtan { .. } => MODIFIED[0].to_owned(),
+            },
             d: self.distortion.parameters().to_vec(),
             k: [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
             r: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
@@ -130,7 +156,7 @@ impl CameraModel {
     /// The camera that a ROS message tells.
     ///
     /// # Errors
-    /// A distortion model other than `plumb_bob` or none, or impossible numbers.
+    /// An unknown distortion model, or impossible numbers.
     pub fn from_camera_info(info: &CameraInfo) -> Result<Self, CalibrationError> {
         let distortion = Distortion::from_ros(&info.distortion_model, &info.d)?;
         let [fx, _, cx, _, fy, cy, ..] = info.k;
@@ -144,7 +170,7 @@ impl Distortion {
     pub fn parameters(&self) -> [f64; 5] {
         match *self {
             Self::None => [0.0; 5],
-            Self::Radtan { k1, k2, p1, p2, k3 } => [k1, k2, p1, p2, k3],
+            Self::Radtan { k1, k2, p1, p2, k3 } | Self::ModifiedRadtan { k1, k2, p1, p2, k3 } => [k1, k2, p1, p2, k3],
         }
     }
 
@@ -161,14 +187,16 @@ impl Distortion {
     /// Another model, or more than five parameters.
     pub fn from_ros(model: &str, d: &[f64]) -> Result<Self, CalibrationError> {
         let unsupported = || CalibrationError::Distortion { model: model.to_owned(), count: d.len() };
-        let known = matches!(model, "" | "none" | PLUMB_BOB | "radtan" | "radial-tangential");
+        let modified = MODIFIED.contains(&model);
+        let known = modified || matches!(model, "" | "none" | PLUMB_BOB | "radtan" | "radial-tangential");
         if d.iter().all(|v| *v == 0.0) && known {
             return Ok(Self::None);
         }
         if !known || matches!(model, "" | "none") || !matches!(d.len(), 4 | 5) {
             return Err(unsupported());
         }
-        Ok(Self::from_parameters([d[0], d[1], d[2], d[3], d.get(4).copied().unwrap_or(0.0)]))
+        let [k1, k2, p1, p2, k3] = [d[0], d[1], d[2], d[3], d.get(4).copied().unwrap_or(0.0)];
+        Ok(if modified { Self::ModifiedRadtan { k1, k2, p1, p2, k3 } } else { Self::Radtan { k1, k2, p1, p2, k3 } })
     }
 }
 
@@ -230,6 +258,31 @@ mod tests {
             let camera = preset.camera();
             assert_eq!(CameraModel::from_camera_info(&camera.to_camera_info(Header::default())), Ok(camera), "{name}");
             assert_eq!(Preset::by_name(name), Some(preset));
+        }
+    }
+
+    #[test]
+    fn lenses_of_a_realsense_are_read_as_it_means_them() {
+        use crate::alignment::{Intrinsics, LensModel};
+        let (k, d) = ([380.5, 0.0, 318.25, 0.0, 379.75, 243.5], [-0.055, 0.065, 0.000_6, -0.000_4, -0.021]);
+        for (name, model) in [
+            ("plumb_bob", LensModel::BrownConrady),
+            ("modified_brown_conrady", LensModel::ModifiedBrownConrady),
+            ("inverse_brown_conrady", LensModel::InverseBrownConrady),
+        ] {
+            let mut info = Preset::Freiburg3.camera().to_camera_info(Header::default());
+            info.k[..6].copy_from_slice(&k);
+            (info.distortion_model, info.d) = (name.to_owned(), d.to_vec());
+            let camera = CameraModel::from_camera_info(&info).unwrap();
+            let [fx, _, cx, _, fy, cy] = k.map(|value: f64| value as f32);
+            let coefficients = d.map(|value: f64| value as f32);
+            let told = Intrinsics { width: 640, height: 480, fx, fy, cx, cy, model, coefficients };
+            for [x, y] in [[0.0, 0.0], [0.75, -0.5], [-0.8, 0.6]] {
+                let (ours, theirs) = (camera.distorted([x, y]), told.project([x as f32, y as f32, 1.0]));
+                let apart = [0, 1].map(|axis| (ours[axis] - f64::from(theirs[axis])).abs());
+                assert!(apart.iter().all(|pixels| *pixels < 1e-4), "{name}: {ours:?} and {theirs:?}");
+            }
+            assert_eq!(CameraModel::from_camera_info(&camera.to_camera_info(Header::default())), Ok(camera), "{name}");
         }
     }
 

@@ -3,7 +3,8 @@
 use crate::camera;
 use crate::plan::Plan;
 use recorder::capture::{
-    Allowed, CameraSetup, CameraSource, Limits, MotionCapture, RecordOptions, Source, SystemClock, record as record_all,
+    Allowed, CameraSetup, CameraSource, Encoding, Limits, MotionCapture, Pace, RecordOptions, Source, SystemClock,
+    record as record_all,
 };
 use recorder::mocap::vicon::{ViconOptions, ViconSource};
 use recorder::realsense::{CameraError, Finding, Wish};
@@ -31,7 +32,7 @@ pub fn record(out: &Path, plan: &Plan) -> Result<(), Box<dyn Error>> {
         attribute_names: names.take_while(|(_, name)| name != "UNKNOWN").collect(),
     };
     let again = Box::new(|| Err(CameraError::NoCamera));
-    let mut sources: Vec<Box<dyn Source>> = vec![Box::new(CameraSource::new((opened, setup), again, false))];
+    let mut sources: Vec<Box<dyn Source>> = vec![Box::new(CameraSource::new((opened, setup), again, Pace::Camera))];
     if let Some((address, subject)) = &plan.vicon {
         let options = ViconOptions { subjects: vec![subject.clone()], ..ViconOptions::new(address) };
         sources.push(Box::new(MotionCapture::new(Box::new(ViconSource::new(options)))));
@@ -42,10 +43,11 @@ pub fn record(out: &Path, plan: &Plan) -> Result<(), Box<dyn Error>> {
         flush_interval: Duration::from_secs(1),
         duration: None,
         reserve_bytes: 100_000_000,
-        compress: true,
+        encoding: Encoding::Auto,
         synchronise: true,
         allowed: Allowed::default(),
         limits: Limits::default(),
+        onlookers: Vec::new(),
         program: "synthetic_d435i".to_owned(),
         asked: [("findings".to_owned(), findings.join("; "))].into(),
     };

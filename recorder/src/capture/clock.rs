@@ -1,6 +1,7 @@
 //! The host's clocks, and the log's timeline made of them.
 
 use crate::Arrival;
+use crate::mocap::MocapFrame;
 use schemas::Stamp;
 use serde::Serialize;
 
@@ -33,6 +34,12 @@ impl HostTimeline {
     #[must_use]
     pub fn starting_at(now: Arrival) -> Self {
         Self { anchor_ns: now.realtime_ns - now.monotonic_ns }
+    }
+
+    /// When a motion capture frame was taken: its arrival less the latency that was told.
+    #[must_use]
+    pub fn captured(&self, frame: &MocapFrame) -> Stamp {
+        Stamp(self.stamp(frame.arrival).0 - (frame.latency_s().unwrap_or(0.0) * 1e9) as i64)
     }
 
     /// The place of a moment.

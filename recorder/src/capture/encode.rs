@@ -1,10 +1,11 @@
 //! From what the sources hand over to messages, ready for the log.
 
 use super::clock::HostTimeline;
+use super::effort::Encoding;
 use super::stamps::DeviceTime;
 use super::stream::Stream;
 use crate::mocap::{self, MocapFrame};
-use crate::picture::{PictureError, encode_rgb8};
+use crate::picture::{Packing, PictureError, pack_rgb8};
 use crate::realsense::{
     Calibration, Format, Frame, FrameHeader, Motion, StreamId, StreamKind, TimestampDomain, metadata,
 };
@@ -52,7 +53,7 @@ pub struct Measurement {
 
 /// What was measured.
 pub enum Payload {
-    Picture { frame: Frame, time: DeviceTime, calibration: Arc<Calibration> },
+    Picture { frame: Arc<Frame>, time: DeviceTime, calibration: Arc<Calibration> },
     Motion { motion: Motion, time: DeviceTime },
     Mocap { frame: Box<MocapFrame>, source: Arc<str> },
 }
@@ -81,16 +82,24 @@ pub enum EncodeError {
 /// How measurements become messages.
 #[derive(Debug, Clone, Copy)]
 pub struct Encoder {
-    pub host: HostTimeline,
-    /// Colour as PNG rather than as raw pixels.
-    pub png: bool,
+    host: HostTimeline,
+    encoding: Encoding,
 }
 
 impl Encoder {
-    pub fn encode(&self, measurement: &Measurement) -> Result<Vec<Encoded>, EncodeError> {
+    pub fn new(host: HostTimeline, encoding: Encoding) -> Self {
+        Self { host, encoding }
+    }
+
+    pub fn encoding(&self) -> Encoding {
+        self.encoding
+    }
+
+    /// The messages of a measurement; `packing` is for colour.
+    pub fn encode(&self, measurement: &Measurement, packing: Packing) -> Result<Vec<Encoded>, EncodeError> {
         let stream = measurement.stream;
         match &measurement.payload {
-            Payload::Picture { frame, time, calibration } => self.picture(stream, frame, time, calibration),
+            Payload::Picture { frame, time, calibration } => self.picture(stream, frame, time, calibration, packing),
             Payload::Motion { motion, time } => motion_messages(stream, motion, time),
             Payload::Mocap { frame, source } => self.mocap(frame, source),
         }
@@ -102,6 +111,7 @@ impl Encoder {
         frame: &Frame,
         time: &DeviceTime,
         calibration: &Calibration,
+        packing: Packing,
     ) -> Result<Vec<Encoded>, EncodeError> {
         let Frame { header: told, width, height, format, bytes } = frame;
         let (width, height, format) = (*width, *height, *format);
@@ -126,8 +136,8 @@ impl Encoder {
             (Stream::Color, Format::Rgb8 | Format::Bgr8) => {
                 let rgb =
                     if format == Format::Rgb8 { Cow::Borrowed(bytes.as_slice()) } else { Cow::Owned(swapped(bytes)) };
-                if self.png {
-                    let data = Cow::Owned(encode_rgb8(width, height, &rgb)?);
+                if self.encoding != Encoding::Raw {
+                    let data = Cow::Owned(pack_rgb8(width, height, &rgb, packing)?);
                     let picture = CompressedImage { header, format: format::PNG.to_owned(), data };
                     Encoded::new(topics::COLOR, time.stamp, publish, &picture)
                 } else {
@@ -144,8 +154,7 @@ impl Encoder {
 
     fn mocap(&self, frame: &MocapFrame, source: &str) -> Result<Vec<Encoded>, EncodeError> {
         let publish = Stamp(frame.arrival.realtime_ns);
-        let latency_ns = (frame.latency_s().filter(|s| (0.0..60.0).contains(s)).unwrap_or(0.0) * 1e9) as i64;
-        let stamp = Stamp(self.host.stamp(frame.arrival).0 - latency_ns);
+        let stamp = self.host.captured(frame);
         let messages = mocap::messages(frame, source, stamp)?;
         let mut out = vec![Encoded::new(topics::MOCAP, stamp, publish, &messages.frame)];
         out.extend(messages.tf.map(|tf: TFMessage| Encoded::new(topics::TF, stamp, publish, &tf)));

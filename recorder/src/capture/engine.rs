@@ -2,9 +2,11 @@
 
 use super::clock::{HostClock, HostTimeline, StepWatch, synchronisation};
 use super::disk::{folder_of, room_bytes};
-use super::encode::{Encoded, Encoder};
+use super::effort::Encoding;
+use super::encode::Encoded;
 use super::inlet::{Allowed, Book, EndedBy, Inlet, Limits, Shared};
 use super::lane::Wait;
+use super::onlooker::Onlooker;
 use super::outbox::{Progress, Scribe, append, encode_all, sync_all};
 use super::source::{End, Source};
 use super::status::{Status, StreamCounts, StreamStatus, Verdict};
@@ -32,14 +34,16 @@ pub struct RecordOptions {
     pub duration: Option<Duration>,
     /// End when the disk has no more room than this, bytes.
     pub reserve_bytes: u64,
-    /// Colour as PNG and chunks compressed; without, everything raw.
-    pub compress: bool,
+    /// How colour is packed.
+    pub encoding: Encoding,
     /// Estimate clocks and offsets at the end.
     pub synchronise: bool,
     /// What is recorded in spite of its faults.
     pub allowed: Allowed,
     /// How much may wait in memory, and how long.
     pub limits: Limits,
+    /// Who looks on.
+    pub onlookers: Vec<Arc<dyn Onlooker>>,
     /// Version of the writing program, as `pslam 0.1.0`.
     pub program: String,
     /// What was asked for, in words, for the log.
@@ -90,8 +94,7 @@ pub fn record(
     let log = create(options)?;
     let start = clock.now();
     let host = HostTimeline::starting_at(start);
-    let encoder = Encoder { host, png: options.compress };
-    let shared = Arc::new(Shared::new(clock, host, encoder, options.allowed, &options.limits));
+    let shared = Arc::new(Shared::new(clock, host, options));
     let progress = Mutex::new(Progress::default());
     let mut run =
         Run { options, shared: &shared, progress: &progress, watch: StepWatch::new(start), start, last: None };
@@ -106,7 +109,7 @@ fn create(options: &RecordOptions) -> Result<LogWriter, RecordError> {
     let room = room_bytes(folder, 0).map_err(|source| WriteError::Io { path: folder.to_owned(), source })?;
     let log_options = LogOptions {
         force: options.force,
-        compress: options.compress,
+        compress: options.encoding != Encoding::Raw,
         ahead_bytes: AHEAD_BYTES.min(room / 4),
         ..LogOptions::default()
     };
@@ -185,7 +188,7 @@ impl Run<'_> {
             ("host_anchor_ns", &anchor),
             ("started", &started),
             ("flush_interval_ns", &flush),
-            ("encoding", if options.compress { "colour png, chunks zstd" } else { "raw" }),
+            ("encoding", options.encoding.words()),
             ("clock", &synchronisation()),
         ]);
         recording.extend(options.asked.iter().map(|(key, value)| (format!("option/{key}"), value.clone())));
@@ -259,8 +262,8 @@ impl Run<'_> {
             stream,
             rate_hz: per_s(counts.received, received(stream)),
             waiting: match stream {
-                Stream::Color => self.shared.color.load().0,
-                Stream::Depth => self.shared.depth.load().0,
+                Stream::Color => self.shared.color.load().items,
+                Stream::Depth => self.shared.depth.load().items,
                 Stream::Gyro | Stream::Accel | Stream::Mocap => 0,
             },
             counts,
@@ -273,7 +276,7 @@ impl Run<'_> {
             streams,
             file_bytes,
             bytes_per_s,
-            waiting_bytes: self.shared.outbox.load().1,
+            waiting_bytes: self.shared.outbox.load().weight,
             room_bytes,
             room_s: (bytes_per_s > 0.0).then(|| room_bytes as f64 / bytes_per_s),
             clock: self.watch.health(),

@@ -2,8 +2,10 @@
 
 use super::clock::{HostClock, HostTimeline};
 use super::encode::{Encoded, Encoder, Measurement, Payload, counter};
+use super::engine::RecordOptions;
 use super::lane::{Lane, Wait};
 use super::ledger::{Cause, Counts, Ledger, Loss, Step};
+use super::onlooker::Onlooker;
 use super::outbox::Item;
 use super::setup::CameraSetup;
 use super::stamps::{CameraClock, DeviceTime};
@@ -60,6 +62,7 @@ pub(super) struct Shared {
     pub host: HostTimeline,
     pub encoder: Encoder,
     pub allowed: Allowed,
+    pub onlookers: Vec<Arc<dyn Onlooker>>,
     pub color: Lane<Measurement>,
     pub depth: Lane<Measurement>,
     pub small: Lane<Measurement>,
@@ -148,6 +151,7 @@ impl Inlet {
     pub fn camera(&self, setup: &CameraSetup) {
         self.away("camera", false);
         self.shared.camera(setup);
+        self.shared.onlookers.iter().for_each(|one| one.camera(setup));
     }
 
     /// A motion capture system will send frames.
@@ -186,6 +190,8 @@ impl Inlet {
                     return;
                 };
                 let arrival = frame.header.arrival;
+                let frame = Arc::new(frame);
+                self.shared.onlookers.iter().for_each(|one| one.picture(stream, time.stamp, &frame));
                 let payload = Payload::Picture { frame, time, calibration };
                 self.send(Measurement { stream, counter, arrival, payload });
             }
@@ -211,6 +217,8 @@ impl Inlet {
         let step = book.ledger.received(Stream::Mocap, frame.number);
         drop(book);
         self.shared.take_step(Stream::Mocap, step);
+        let stamp = self.shared.host.captured(&frame);
+        self.shared.onlookers.iter().for_each(|one| one.mocap(stamp, &frame));
         let counter = frame.number.unwrap_or(0);
         let payload = Payload::Mocap { frame: Box::new(frame), source: Arc::clone(source) };
         self.send(Measurement { stream: Stream::Mocap, counter, arrival, payload });
@@ -285,18 +293,14 @@ impl Connection {
 }
 
 impl Shared {
-    pub fn new(
-        clock: Arc<dyn HostClock>,
-        host: HostTimeline,
-        encoder: Encoder,
-        allowed: Allowed,
-        limits: &Limits,
-    ) -> Self {
+    pub fn new(clock: Arc<dyn HostClock>, host: HostTimeline, options: &RecordOptions) -> Self {
+        let limits = &options.limits;
         Self {
             clock,
             host,
-            encoder,
-            allowed,
+            encoder: Encoder::new(host, options.encoding),
+            allowed: options.allowed,
+            onlookers: options.onlookers.clone(),
             color: Lane::new(limits.video_bytes),
             depth: Lane::new(limits.video_bytes),
             small: Lane::new(limits.small_bytes),

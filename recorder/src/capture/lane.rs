@@ -34,6 +34,24 @@ pub struct Lane<T> {
     limit: usize,
 }
 
+/// How full a queue is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Load {
+    /// Items inside.
+    pub items: usize,
+    /// Their weight.
+    pub weight: usize,
+    /// The most that may be inside.
+    pub limit: usize,
+}
+
+impl Load {
+    /// Whether more than one part of so many is full.
+    pub fn is_above_one_of(&self, parts: usize) -> bool {
+        self.weight > self.limit / parts
+    }
+}
+
 #[derive(Debug)]
 struct Inner<T> {
     items: VecDeque<(usize, T)>,
@@ -106,10 +124,10 @@ impl<T> Lane<T> {
         left
     }
 
-    /// Items and weight inside.
-    pub fn load(&self) -> (usize, usize) {
+    /// What is inside.
+    pub fn load(&self) -> Load {
         let inner = self.lock();
-        (inner.items.len(), inner.weight)
+        Load { items: inner.items.len(), weight: inner.weight, limit: self.limit }
     }
 
     fn lock(&self) -> MutexGuard<'_, Inner<T>> {
@@ -139,7 +157,7 @@ mod tests {
         assert_eq!(lane.push('c', 8, NOW), ['a', 'b'], "whole items make room");
         assert_eq!(lane.push('d', 40, NOW), ['c'], "a single item always fits");
         assert_eq!(lane.push('e', 1, Wait::No), [], "what cannot wait goes in");
-        assert_eq!(lane.load(), (2, 41));
+        assert_eq!(lane.load(), Load { items: 2, weight: 41, limit: 10 });
         lane.close();
         assert_eq!(lane.push('f', 1, Wait::Forever), ['f']);
         assert_eq!([lane.pop(Duration::ZERO), lane.pop(Duration::ZERO)], [Taken::Item('d'), Taken::Item('e')]);

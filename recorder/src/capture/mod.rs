@@ -13,13 +13,16 @@
 
 mod clock;
 mod disk;
+mod effort;
 mod encode;
 mod engine;
 mod inlet;
 mod lane;
 mod latency;
 mod ledger;
+mod onlooker;
 mod outbox;
+mod pace;
 mod setup;
 mod source;
 mod stamps;
@@ -28,10 +31,13 @@ mod stream;
 
 pub use clock::{ClockHealth, HostClock, HostTimeline, SystemClock, synchronisation};
 pub use disk::{folder_of, room_bytes};
+pub use effort::Encoding;
 pub use engine::{RecordError, RecordOptions, record};
 pub use inlet::{Allowed, EndedBy, Happening, Inlet, Limits, MocapCounts};
 pub use latency::Latency;
 pub use ledger::{Cause, Counts};
+pub use onlooker::Onlooker;
+pub use pace::Pace;
 pub use setup::CameraSetup;
 pub use source::{CameraSource, End, MotionCapture, Open, Source};
 pub use stamps::{CameraClock, DeviceTime};

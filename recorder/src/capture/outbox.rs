@@ -1,7 +1,7 @@
 //! The one thread that writes the log, and the one that brings it to the disk.
 
-use super::encode::Encoded;
-use super::encode::Measurement;
+use super::effort::Effort;
+use super::encode::{Encoded, Measurement};
 use super::inlet::{EndedBy, Shared};
 use super::lane::{Lane, Taken, Wait};
 use super::latency::Latency;
@@ -28,6 +28,7 @@ pub(super) enum Item {
 
 /// Encodes what comes through a lane until it closes.
 pub(super) fn encode_all(lane: &Lane<Measurement>, shared: &Shared) {
+    let mut effort = Effort::default();
     loop {
         let measurement = match lane.pop(Duration::from_secs(1)) {
             Taken::Item(measurement) => measurement,
@@ -35,7 +36,12 @@ pub(super) fn encode_all(lane: &Lane<Measurement>, shared: &Shared) {
             Taken::Closed => return,
         };
         let (stream, counter) = (measurement.stream, measurement.counter);
-        let messages = match shared.encoder.encode(&measurement) {
+        if stream == Stream::Color
+            && let Some(text) = effort.look(shared.encoder.encoding(), lane.load(), shared.outbox.load())
+        {
+            shared.event(level::WARN, "color.encoding", text);
+        }
+        let messages = match shared.encoder.encode(&measurement, effort.packing()) {
             Ok(messages) => messages,
             Err(error) => {
                 shared.event(level::ERROR, "measurement.unfit", &error.to_string());

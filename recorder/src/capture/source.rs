@@ -1,6 +1,7 @@
 //! Where measurements come from.
 
 use super::inlet::Inlet;
+use super::pace::{Pace, Pacer};
 use super::setup::CameraSetup;
 use crate::mocap::{Backoff, Link, LinkEvent, MocapSource};
 use crate::realsense::{Camera, CameraError, Sink, State, StreamProfile, Streaming};
@@ -39,15 +40,14 @@ pub type Open = Box<dyn FnMut() -> Result<(Camera, CameraSetup), CameraError> + 
 pub struct CameraSource {
     opened: Option<(Camera, CameraSetup)>,
     again: Open,
-    patient: bool,
+    pace: Pace,
 }
 
 impl CameraSource {
-    /// Streams from an opened camera; after a loss from what `again` opens. `patient`: the source is a file that is played
-    /// as fast as it is taken, and waits.
+    /// Streams from an opened camera; after a loss from what `again` opens.
     #[must_use]
-    pub fn new(opened: (Camera, CameraSetup), again: Open, patient: bool) -> Self {
-        Self { opened: Some(opened), again, patient }
+    pub fn new(opened: (Camera, CameraSetup), again: Open, pace: Pace) -> Self {
+        Self { opened: Some(opened), again, pace }
     }
 
     fn start(&mut self, inlet: &Inlet) -> Result<(Camera, Streaming), CameraError> {
@@ -55,10 +55,16 @@ impl CameraSource {
             Some(opened) => opened,
             None => (self.again)()?,
         };
-        camera.set_real_time(!self.patient)?;
+        camera.set_real_time(false)?;
         inlet.camera(&setup);
-        let inlet = if self.patient { inlet.patient() } else { inlet.clone() };
-        let sink: Sink = Arc::new(move |sample| inlet.sample(sample));
+        let inlet = if self.pace == Pace::Camera { inlet.clone() } else { inlet.patient() };
+        let pacer = (self.pace == Pace::Recorded).then(|| Pacer::new(inlet.clock()));
+        let sink: Sink = Arc::new(move |mut sample| {
+            if let Some(pacer) = &pacer {
+                pacer.pace(&mut sample, &|| inlet.is_stopping());
+            }
+            inlet.sample(sample);
+        });
         let profiles: Vec<StreamProfile> = setup.streams().into_iter().map(|(_, profile)| profile).collect();
         let streaming = camera.start(&profiles, &sink)?;
         Ok((camera, streaming))

@@ -3,8 +3,8 @@
 use super::ImportError;
 use crate::Arrival;
 use crate::capture::{
-    Allowed, CameraSetup, End, HostClock, Inlet, Limits, RecordError, RecordOptions, Source, Stream, StreamCounts,
-    record,
+    Allowed, CameraSetup, Encoding, End, HostClock, Inlet, Limits, RecordError, RecordOptions, Source, Stream,
+    StreamCounts, record,
 };
 use crate::realsense::{
     Camera, CameraError, Context, Format, FrameHeader, Library, Sample, Sink, State, StreamProfile, metadata,
@@ -93,11 +93,12 @@ pub fn realsense(
         flush_interval: Duration::from_secs(1),
         duration: None,
         reserve_bytes: 0,
-        compress: true,
+        encoding: Encoding::Compressed,
         // Arrivals of a playback say nothing about the camera.
         synchronise: false,
         allowed: Allowed { missing_metadata: true },
         limits: Limits::default(),
+        onlookers: Vec::new(),
         program: program.to_owned(),
         asked: BTreeMap::from([("import".to_owned(), file.display().to_string())]),
     };

@@ -2,7 +2,7 @@
 
 use recorder::Arrival;
 use recorder::capture::{
-    CameraSetup, End, HostClock, Inlet, Limits, RecordOptions, Source, SystemClock, Verdict, record,
+    CameraSetup, Encoding, End, HostClock, Inlet, Limits, RecordOptions, Source, SystemClock, Verdict, record,
 };
 use recorder::realsense::*;
 use schemas::alignment::{Extrinsics, Intrinsics};
@@ -136,10 +136,11 @@ pub fn options(path: &Path) -> RecordOptions {
         flush_interval: Duration::from_millis(200),
         duration: None,
         reserve_bytes: 0,
-        compress: true,
+        encoding: Encoding::Auto,
         synchronise: true,
         allowed: Default::default(),
         limits: Limits::default(),
+        onlookers: Vec::new(),
         program: "test".to_owned(),
         asked: BTreeMap::new(),
     }

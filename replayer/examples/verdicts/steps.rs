@@ -55,6 +55,7 @@ pub fn watch_each_report<W: Watch>(log: &Path, config: &Config, watch: &mut W, e
     let distortion = match model.distortion {
         Lens::None => Distortion::None,
         Lens::Radtan { k1, k2, p1, p2, k3 } => Distortion::Radtan { k1, k2, p1, p2, k3 },
+        Lens::ModifiedRadtan { k1, k2, p1, p2, k3 } => Distortion::ModifiedRadtan { k1, k2, p1, p2, k3 },
     };
     let (size, [fx, fy, cx, cy]) = ((model.width, model.height), [model.fx, model.fy, model.cx, model.cy]);
     let camera = Camera { fx, fy, cx, cy, width: size.0, height: size.1, distortion };

@@ -75,6 +75,17 @@ impl Chunks {
         build(ids, entity, full.rows).map(Some)
     }
 
+    /// One row as a chunk of its own, for a viewer that waits for it.
+    pub fn single(
+        ids: &mut Ids,
+        entity: &str,
+        time: TimePoint,
+        components: Vec<SerializedComponentBatch>,
+    ) -> Result<ArrowMsg, RrdError> {
+        let row = Row { id: RowId::from_tuid(ids.next()), time, components };
+        build(ids, entity, vec![row])
+    }
+
     /// The chunks of all rows still waiting, entity by entity in alphabetical order.
     pub fn drain(&mut self, ids: &mut Ids) -> Result<Vec<ArrowMsg>, RrdError> {
         std::mem::take(&mut self.pending)

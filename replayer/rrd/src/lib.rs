@@ -26,13 +26,17 @@ mod blueprint;
 mod chunks;
 mod content;
 mod error;
+mod live;
 mod writer;
 
-pub use blueprint::{Blueprint, Container, Eye, Layout, Node, Panel, Spatial2d, Spatial3d, TimePanel, View, ViewKind};
+pub use blueprint::{
+    Blueprint, Container, Eye, Layout, Node, Panel, Play, Spatial2d, Spatial3d, TimePanel, View, ViewKind,
+};
 pub use content::{
     AnnotationContext, Boxes2d, Class, ClassIds, Clear, Colormap, Content, EncodedDepthImage, EncodedImage, ImageCodec,
     Level, Lines2d, Lines3d, Pinhole, Points2d, Points3d, Radius, Rgba, Rotation, Scalars, SegmentationImage,
     SeriesLines, TextDocument, TextLog, Transform, ViewCoordinates,
 };
 pub use error::RrdError;
+pub use live::{Link, LiveViewer, ViewerAddress};
 pub use writer::{At, RrdWriter};

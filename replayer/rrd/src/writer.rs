@@ -28,13 +28,17 @@ pub enum At {
         /// Stamp of the frame in nanoseconds since the epoch (timeline `sensor_time`).
         sensor_time_ns: i64,
     },
+    /// At a moment: nanoseconds since the epoch, on the timeline `sensor_time` alone.
+    Time(i64),
 }
 
 impl At {
-    fn time_point(self) -> TimePoint {
+    pub(crate) fn time_point(self) -> TimePoint {
         let mut time = TimePoint::default();
-        if let Self::Frame { frame, sensor_time_ns } = self {
+        if let Self::Frame { frame, .. } = self {
             time.insert_cell("frame", TimeCell::from_sequence(frame));
+        }
+        if let Self::Frame { sensor_time_ns, .. } | Self::Time(sensor_time_ns) = self {
             time.insert_cell("sensor_time", TimeCell::from_timestamp_nanos_since_epoch(sensor_time_ns));
         }
         time
@@ -103,22 +107,8 @@ impl RrdWriter {
     /// # Errors
     /// [`RrdError::Shares`] when a container's shares do not fit its children; [`RrdError::Encode`].
     pub fn blueprint(&mut self, layout: &Blueprint) -> Result<(), RrdError> {
-        let store = StoreId::new(StoreKind::Blueprint, self.recording.application_id().clone(), "layout");
-        self.open_store(store.clone())?;
-        let mut time = TimePoint::default();
-        time.insert_cell("blueprint", TimeCell::from_sequence(0));
-        let mut chunks = Chunks::default();
-        for (entity, components) in blueprint::rows(layout)? {
-            // Far below the limits of a chunk, so all of them come out of `drain`.
-            if let Some(chunk) = chunks.push(&mut self.ids, &entity, time.clone(), components)? {
-                self.append(&entity, &LogMsg::ArrowMsg(store.clone(), chunk))?;
-            }
-        }
-        for chunk in chunks.drain(&mut self.ids)? {
-            self.append("blueprint", &LogMsg::ArrowMsg(store.clone(), chunk))?;
-        }
-        let activate = BlueprintActivationCommand::make_active(store);
-        self.append("blueprint", &LogMsg::BlueprintActivationCommand(activate))
+        let messages = blueprint_messages(self.recording.application_id(), layout, &mut self.ids)?;
+        messages.iter().try_for_each(|message| self.append("blueprint", message))
     }
 
     /// Writes what is still gathered, closes the file and gives it its name.
@@ -139,12 +129,38 @@ impl RrdWriter {
     }
 
     fn open_store(&mut self, store: StoreId) -> Result<(), RrdError> {
-        let info = StoreInfo::new(store, StoreSource::Other(SOURCE.to_owned()));
-        let row_id = self.ids.next();
-        self.append("store", &LogMsg::SetStoreInfo(SetStoreInfo { row_id, info }))
+        let message = store_message(store, &mut self.ids);
+        self.append("store", &message)
     }
 
     fn append(&mut self, entity: &str, message: &LogMsg) -> Result<(), RrdError> {
         self.encoder.append(message).map(|_| ()).map_err(|e| RrdError::encode(entity, &e))
     }
+}
+
+/// What opens a store.
+pub(crate) fn store_message(store: StoreId, ids: &mut Ids) -> LogMsg {
+    let info = StoreInfo::new(store, StoreSource::Other(SOURCE.to_owned()));
+    LogMsg::SetStoreInfo(SetStoreInfo { row_id: ids.next(), info })
+}
+
+/// A layout, and that it is to be used.
+pub(crate) fn blueprint_messages(
+    application: &ApplicationId,
+    layout: &Blueprint,
+    ids: &mut Ids,
+) -> Result<Vec<LogMsg>, RrdError> {
+    let store = StoreId::new(StoreKind::Blueprint, application.clone(), "layout");
+    let mut messages = vec![store_message(store.clone(), ids)];
+    let mut time = TimePoint::default();
+    time.insert_cell("blueprint", TimeCell::from_sequence(0));
+    let mut chunks = Chunks::default();
+    let arrow = |chunk| LogMsg::ArrowMsg(store.clone(), chunk);
+    for (entity, components) in blueprint::rows(layout)? {
+        // Far below the limits of a chunk, so all of them come out of `drain`.
+        messages.extend(chunks.push(ids, &entity, time.clone(), components)?.map(arrow));
+    }
+    messages.extend(chunks.drain(ids)?.into_iter().map(arrow));
+    messages.push(LogMsg::BlueprintActivationCommand(BlueprintActivationCommand::make_active(store.clone())));
+    Ok(messages)
 }

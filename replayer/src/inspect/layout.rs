@@ -1,7 +1,7 @@
 //! The layout the viewer opens with.
 
 use nalgebra::Vector3;
-use rrd::{Blueprint, Container, Eye, Layout, Node, Panel, Spatial2d, Spatial3d, TimePanel, View, ViewKind};
+use rrd::{Blueprint, Container, Eye, Layout, Node, Panel, Play, Spatial2d, Spatial3d, TimePanel, View, ViewKind};
 use slam_math::float;
 
 use super::truth::ERROR;
@@ -36,7 +36,7 @@ pub fn layout([width, height]: [u32; 2], fps: f64, estimate: &Trajectory, has_er
         "inspection",
         vec![space(eye(estimate)).into(), pictures(width, height).into(), curves(has_error).into()],
     );
-    let time = TimePanel { fps, playing: true, panel: Panel::Collapsed, ..TimePanel::default() };
+    let time = TimePanel { fps, play: Play::Playing, panel: Panel::Collapsed, ..TimePanel::default() };
     Blueprint { time, ..Blueprint::new(columns.with_shares(&[1.25, 1.25, 1.0]).into()) }
 }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use schemas::calibration::CameraModel;
+use schemas::calibration::{CameraModel, Distortion};
 use schemas::topics;
 use schemas::{Stamp, metadata};
 use serde::Serialize;
@@ -234,9 +234,11 @@ impl fmt::Display for LogInfo {
         )?;
         if let Some(c) = &self.camera {
             writeln!(f, "camera        {}x{}, fx {} fy {} cx {} cy {}", c.width, c.height, c.fx, c.fy, c.cx, c.cy)?;
-            match c.distortion.parameters() {
-                [0.0, 0.0, 0.0, 0.0, 0.0] => writeln!(f, "distortion    none")?,
-                d => writeln!(f, "distortion    radtan {d:?}")?,
+            let d = c.distortion.parameters();
+            match c.distortion {
+                Distortion::None => writeln!(f, "distortion    none")?,
+                Distortion::Radtan { .. } => writeln!(f, "distortion    radtan {d:?}")?,
+                Distortion::ModifiedRadtan { .. } => writeln!(f, "distortion    modified radtan {d:?}")?,
             }
         }
         if let Some(baseline) = self.baseline_m {

@@ -99,6 +99,9 @@ fn slam_camera(model: &CameraModel) -> Camera {
     let distortion = match distortion {
         calibration::Distortion::None => Distortion::None,
         calibration::Distortion::Radtan { k1, k2, p1, p2, k3 } => Distortion::Radtan { k1, k2, p1, p2, k3 },
+        calibration::Distortion::ModifiedRadtan { k1, k2, p1, p2, k3 } => {
+            Distortion::ModifiedRadtan { k1, k2, p1, p2, k3 }
+        }
     };
     Camera { fx, fy, cx, cy, width, height, distortion }
 }

@@ -28,6 +28,19 @@ pub enum Distortion {
         /// Radial, r^6.
         k3: f64,
     },
+    /// The same with the tangential part taken from the radially bent point, as librealsense has it.
+    ModifiedRadtan {
+        /// Radial, r^2.
+        k1: f64,
+        /// Radial, r^4.
+        k2: f64,
+        /// Tangential, along y.
+        p1: f64,
+        /// Tangential, along x.
+        p2: f64,
+        /// Radial, r^6.
+        k3: f64,
+    },
 }
 
 /// Intrinsic calibration. Lengths in pixels.
@@ -109,7 +122,7 @@ impl Camera {
     pub fn distort(&self, pixel: [f64; 2]) -> [f64; 2] {
         match self.distortion {
             Distortion::None => pixel,
-            radtan => self.pixel(radtan.apply(self.normalized(pixel)).0),
+            lens => self.pixel(lens.apply(self.normalized(pixel)).0),
         }
     }
 
@@ -179,7 +192,7 @@ impl Distortion {
     pub fn coefficients(&self) -> [f64; 5] {
         match *self {
             Self::None => [0.0; 5],
-            Self::Radtan { k1, k2, p1, p2, k3 } => [k1, k2, p1, p2, k3],
+            Self::Radtan { k1, k2, p1, p2, k3 } | Self::ModifiedRadtan { k1, k2, p1, p2, k3 } => [k1, k2, p1, p2, k3],
         }
     }
 
@@ -189,6 +202,9 @@ impl Distortion {
         let r2 = x * x + y * y;
         let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
         let radial_by_r2 = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3);
+        if let Self::ModifiedRadtan { .. } = self {
+            return tangential_after([x, y], r2, radial, radial_by_r2, [p1, p2]);
+        }
         let value = [
             x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
             y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
@@ -197,5 +213,66 @@ impl Distortion {
         let xx = radial + 2.0 * x * x * radial_by_r2 + 2.0 * p1 * y + 6.0 * p2 * x;
         let yy = radial + 2.0 * y * y * radial_by_r2 + 6.0 * p1 * y + 2.0 * p2 * x;
         (value, [[xx, mixed], [mixed, yy]])
+    }
+}
+
+/// [`Distortion::ModifiedRadtan`] from its radial part and that one's derivative by r^2.
+fn tangential_after(
+    [x, y]: [f64; 2],
+    r2: f64,
+    radial: f64,
+    radial_by_r2: f64,
+    [p1, p2]: [f64; 2],
+) -> ([f64; 2], [[f64; 2]; 2]) {
+    let [bx, by] = [x * radial, y * radial];
+    let cross = 2.0 * x * y * radial_by_r2;
+    // Derivatives of the radially bent point by x and by y.
+    let [bx_x, bx_y] = [radial + 2.0 * x * x * radial_by_r2, cross];
+    let [by_x, by_y] = [cross, radial + 2.0 * y * y * radial_by_r2];
+    let value =
+        [bx + 2.0 * p1 * bx * by + p2 * (r2 + 2.0 * bx * bx), by + p1 * (r2 + 2.0 * by * by) + 2.0 * p2 * bx * by];
+    let product = [bx_x * by + bx * by_x, bx_y * by + bx * by_y];
+    let along_x = [
+        bx_x + 2.0 * p1 * product[0] + p2 * (2.0 * x + 4.0 * bx * bx_x),
+        bx_y + 2.0 * p1 * product[1] + p2 * (2.0 * y + 4.0 * bx * bx_y),
+    ];
+    let along_y = [
+        by_x + 2.0 * p2 * product[0] + p1 * (2.0 * x + 4.0 * by * by_x),
+        by_y + 2.0 * p2 * product[1] + p1 * (2.0 * y + 4.0 * by * by_y),
+    ];
+    (value, [along_x, along_y])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn derivatives_are_those_of_the_lens() {
+        let (k1, k2, p1, p2, k3) = (-0.055, 0.065, 0.006, -0.004, -0.021);
+        for lens in [Distortion::Radtan { k1, k2, p1, p2, k3 }, Distortion::ModifiedRadtan { k1, k2, p1, p2, k3 }] {
+            for point in [[0.0, 0.0], [0.7, -0.4], [-0.9, 0.6]] {
+                let (_, jacobian) = lens.apply(point);
+                for axis in 0..2 {
+                    let step = 1e-6;
+                    let at = |sign: f64| {
+                        let mut moved = point;
+                        moved[axis] += sign * step;
+                        lens.apply(moved).0
+                    };
+                    let (after, before) = (at(1.0), at(-1.0));
+                    for row in 0..2 {
+                        let numeric = (after[row] - before[row]) / (2.0 * step);
+                        assert!((numeric - jacobian[row][axis]).abs() < 1e-8, "{lens:?} {point:?} {row} {axis}");
+                    }
+                }
+            }
+            let camera =
+                Camera { fx: 380.0, fy: 381.0, cx: 320.0, cy: 240.0, width: 640, height: 480, distortion: lens };
+            for pixel in [[0.0, 0.0], [639.0, 100.0], [300.0, 479.0]] {
+                let there_and_back = camera.distort(camera.undistort(pixel));
+                assert!((0..2).all(|axis| (there_and_back[axis] - pixel[axis]).abs() < 1e-9), "{lens:?} {pixel:?}");
+            }
+        }
     }
 }

@@ -5,7 +5,7 @@ use super::synthetic::Synthetic;
 use crate::Usage;
 use crate::progress::Progress;
 use anyhow::Context as _;
-use recorder::capture::{CameraSetup, CameraSource, Source};
+use recorder::capture::{CameraSetup, CameraSource, Pace, Source};
 use recorder::realsense::{Camera, CameraError, Context, Finding, Library, VideoMode, Wish};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -56,10 +56,10 @@ pub struct CameraArgs {
     /// librealsense2.so, or the library in the Python wheel pyrealsense2.
     #[arg(long, value_name = "PATH")]
     librealsense: Option<PathBuf>,
-    /// Play this recording of librealsense (.bag, .db3) as if it were a camera.
+    /// Play this recording of librealsense (.bag, .db3) as if it were a camera, at the speed at which it was made.
     #[arg(long, value_name = "FILE")]
     play: Option<PathBuf>,
-    /// Play it as fast as it can be taken, losing nothing, instead of at its own speed.
+    /// Play it as fast as it can be taken.
     #[arg(long, requires = "play")]
     unpaced: bool,
     /// Record over a USB 2 link.
@@ -135,7 +135,12 @@ impl CameraArgs {
         let (camera, setup, findings) = open()?;
         self.judge(&findings)?;
         let again = move || open().map(|(camera, setup, _)| (camera, setup));
-        Ok(Box::new(CameraSource::new((camera, setup), Box::new(again), self.unpaced)))
+        let pace = match (&self.play, self.unpaced) {
+            (None, _) => Pace::Camera,
+            (Some(_), false) => Pace::Recorded,
+            (Some(_), true) => Pace::Free,
+        };
+        Ok(Box::new(CameraSource::new((camera, setup), Box::new(again), pace)))
     }
 
     /// Opens and sets the camera.

@@ -5,13 +5,15 @@ mod mocap;
 mod quantity;
 mod screen;
 mod synthetic;
+#[cfg(feature = "rerun")]
+mod view;
 
 use crate::progress::Progress;
 use crate::{Outcome, Usage};
 use camera::CameraArgs;
 use mocap::MocapArgs;
 use quantity::{bytes, seconds};
-use recorder::capture::{Allowed, Limits, RecordOptions, Source, SystemClock, record};
+use recorder::capture::{self, Allowed, Limits, RecordOptions, Source, SystemClock, record};
 use screen::Screen;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use std::collections::BTreeMap;
@@ -39,9 +41,17 @@ pub struct Record {
     /// What a crash of this program may cost at most.
     #[arg(long, value_name = "TIME", default_value = "1", value_parser = seconds)]
     flush_interval: Duration,
-    /// Keep colour and chunks uncompressed: three times the bytes, a fifth of the processor's time.
-    #[arg(long)]
+    /// How colour is packed: auto leaves compression out while it cannot keep up with the camera; raw compresses nothing,
+    /// for three times the bytes and a fifth of the processor's time.
+    #[arg(long, value_enum, default_value = "auto", value_name = "HOW")]
+    encoding: Encoding,
+    /// The same as --encoding raw.
+    #[arg(long, conflicts_with = "encoding")]
     raw: bool,
+    /// Show a preview in a running Rerun viewer; it slows nothing down.
+    #[cfg(feature = "rerun")]
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "rerun+http://127.0.0.1:9876/proxy")]
+    view: Option<rrd::ViewerAddress>,
     /// Do not estimate clocks and offsets at the end.
     #[arg(long)]
     no_sync: bool,
@@ -51,6 +61,17 @@ pub struct Record {
     /// Print how it goes as JSON, a line a second, and the verdict as the last line.
     #[arg(long)]
     json: bool,
+}
+
+/// How colour is packed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Encoding {
+    /// PNG, without compression while that cannot keep up.
+    Auto,
+    /// PNG, always compressed.
+    Png,
+    /// Raw pixels.
+    Raw,
 }
 
 impl Record {
@@ -64,8 +85,12 @@ impl Record {
         if sources.is_empty() {
             return Err(Usage("there is nothing to record: neither a camera nor motion capture".to_owned()).into());
         }
-        let options = self.options();
+        let mut options = self.options();
         let mut screen = Screen::new(self.json, progress);
+        #[cfg(feature = "rerun")]
+        if let Some(address) = &self.view {
+            options.onlookers.push(screen.preview(address, &options.path)?);
+        }
         let stopped = || stop.load(Ordering::Relaxed);
         let verdict = record(sources, &options, Arc::new(SystemClock), &stopped, &mut |status| screen.status(status))?;
         screen.verdict(&verdict)?;
@@ -79,10 +104,15 @@ impl Record {
             flush_interval: self.flush_interval,
             duration: self.duration,
             reserve_bytes: self.reserve,
-            compress: !self.raw,
+            encoding: match (self.raw, self.encoding) {
+                (true, _) | (_, Encoding::Raw) => capture::Encoding::Raw,
+                (_, Encoding::Auto) => capture::Encoding::Auto,
+                (_, Encoding::Png) => capture::Encoding::Compressed,
+            },
             synchronise: !self.no_sync,
             allowed: Allowed { missing_metadata: self.camera.allow_missing_metadata },
             limits: Limits::default(),
+            onlookers: Vec::new(),
             program: concat!("pslam ", env!("CARGO_PKG_VERSION")).to_owned(),
             asked: self.camera.asked().into_iter().chain(self.mocap.asked()).collect(),
         }

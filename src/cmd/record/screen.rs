@@ -2,10 +2,14 @@
 
 use crate::progress::Progress;
 use crate::stdout;
+#[cfg(feature = "rerun")]
+use recorder::capture::Onlooker;
 use recorder::capture::{Happening, Status, Verdict};
 use schemas::msg::level;
 use serde::Serialize;
 use std::io::{IsTerminal as _, Write as _, stderr};
+#[cfg(feature = "rerun")]
+use std::{path::Path, sync::Arc};
 
 /// Without a terminal, a line in so many seconds: for the log of a service.
 const SECONDS_A_LINE: u32 = 10;
@@ -16,11 +20,31 @@ pub struct Screen {
     shown: bool,
     terminal: bool,
     seconds: u32,
+    #[cfg(feature = "rerun")]
+    preview: Option<super::view::Preview>,
 }
 
 impl Screen {
     pub fn new(json: bool, progress: Progress) -> Self {
-        Self { json, shown: progress.is_shown(), terminal: stderr().is_terminal(), seconds: 0 }
+        Self {
+            json,
+            shown: progress.is_shown(),
+            terminal: stderr().is_terminal(),
+            seconds: 0,
+            #[cfg(feature = "rerun")]
+            preview: None,
+        }
+    }
+
+    /// Shows the recording in a viewer too, for which it gets an onlooker.
+    #[cfg(feature = "rerun")]
+    pub fn preview(&mut self, address: &rrd::ViewerAddress, log: &Path) -> anyhow::Result<Arc<dyn Onlooker>> {
+        let now = recorder::Arrival::now().realtime_ns / 1_000_000_000;
+        let name = format!("{} {now}", log.file_stem().unwrap_or_default().to_string_lossy());
+        let preview = super::view::Preview::new(address, &name)?;
+        let onlooker = preview.onlooker();
+        self.preview = Some(preview);
+        Ok(onlooker)
     }
 
     pub fn status(&mut self, status: &Status) {
@@ -29,6 +53,10 @@ impl Screen {
             let _ = line(status);
         }
         status.happenings.iter().for_each(|happening| self.happening(happening));
+        #[cfg(feature = "rerun")]
+        if let Some(preview) = &mut self.preview {
+            preview.status(status);
+        }
         if !self.shown {
             return;
         }
@@ -53,9 +81,13 @@ impl Screen {
         let _ = writeln!(stderr().lock(), "{}{word}: {name}: {text}", if self.terminal { "\r\x1b[K" } else { "" });
     }
 
-    pub fn verdict(&self, verdict: &Verdict) -> anyhow::Result<()> {
+    pub fn verdict(&mut self, verdict: &Verdict) -> anyhow::Result<()> {
         if self.terminal && self.shown {
             let _ = writeln!(stderr().lock());
+        }
+        #[cfg(feature = "rerun")]
+        if let Some(preview) = self.preview.take() {
+            let _ = writeln!(stderr().lock(), "{}", preview.end());
         }
         if self.json { line(verdict) } else { stdout::text(verdict) }
     }

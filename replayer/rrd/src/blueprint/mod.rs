@@ -40,17 +40,28 @@ pub enum Panel {
 pub struct TimePanel {
     /// Timeline chosen at first.
     pub timeline: &'static str,
-    /// Whether the file starts to play by itself.
-    pub playing: bool,
+    /// What the viewer does by itself.
+    pub play: Play,
     /// Frames a second when playing a frame timeline.
     pub fps: f64,
     /// How much of it shows.
     pub panel: Panel,
 }
 
+/// What the viewer does by itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Play {
+    /// It shows the beginning.
+    Paused,
+    /// It plays.
+    Playing,
+    /// It shows what came last.
+    Following,
+}
+
 impl Default for TimePanel {
     fn default() -> Self {
-        Self { timeline: "frame", playing: false, fps: 30.0, panel: Panel::Collapsed }
+        Self { timeline: "frame", play: Play::Paused, fps: 30.0, panel: Panel::Collapsed }
     }
 }
 

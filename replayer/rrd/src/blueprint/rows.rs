@@ -5,7 +5,7 @@ use re_sdk_types::blueprint::components::{self as bp, ContainerKind, PanelState,
 use re_sdk_types::blueprint::{archetypes, datatypes as bp_datatypes};
 use re_sdk_types::{AsComponents, SerializedComponentBatch, components, datatypes};
 
-use super::{Blueprint, Container, Layout, Node, Panel, View, ViewKind};
+use super::{Blueprint, Container, Layout, Node, Panel, Play, View, ViewKind};
 use crate::RrdError;
 
 /// Behind 3D scenes: points and thin lines read best on a plain dark ground, and versions of the viewer differ in theirs.
@@ -36,7 +36,11 @@ pub fn rows(layout: &Blueprint) -> Result<Vec<Row>, RrdError> {
             .with_state(panel_state(time.panel))
             .with_timeline(time.timeline)
             .with_fps(time.fps)
-            .with_play_state(if time.playing { PlayState::Playing } else { PlayState::Paused }),
+            .with_play_state(match time.play {
+                Play::Paused => PlayState::Paused,
+                Play::Playing => PlayState::Playing,
+                Play::Following => PlayState::Following,
+            }),
     );
     for (entity, panel) in [("blueprint_panel", layout.entities), ("selection_panel", layout.selection)] {
         rows.add(entity, &archetypes::PanelBlueprint::new().with_state(panel_state(panel)));
