@@ -118,6 +118,102 @@ fn a_file_that_may_not_grow_ends_the_recording_cleanly() {
     assert!(pslam_exits(0, &["check", text(&log)]).contains("sound"));
 }
 
+/// A simulated Vicon on this port (0: any free one), and its address.
+fn start_sim(port: u16) -> (Child, String) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_pslam"));
+    command.args(["sim", "vicon", "synthetic:tiny", "--subject", "quad", "--loop"]);
+    command.args(["--listen", &format!("127.0.0.1:{port}")]);
+    let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
+    let mut line = String::new();
+    BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+    (child, line.split(' ').nth(1).unwrap().to_owned())
+}
+
+#[test]
+fn a_motion_capture_server_may_be_started_anew() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("a.mcap");
+    let (mut sim, address) = start_sim(0);
+    let port = address.rsplit_once(':').unwrap().1.parse().unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_pslam"));
+    command.args(["record", "--source", "none", "--json", "--reserve", "1M", "--vicon", &address, "-o", text(&log)]);
+    let mut recording = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut lines = BufReader::new(recording.stdout.take().unwrap());
+    let received = |status: &serde_json::Value| status["streams"][0]["received"].as_u64().unwrap();
+    let mut wait_for = |wanted: &dyn Fn(&serde_json::Value) -> bool| {
+        let lines = std::iter::repeat_with(|| next(&mut lines));
+        lines.take(60).find(wanted).expect("it happens within a minute")
+    };
+    let happened = |status: &serde_json::Value, name: &str| {
+        status["happenings"].as_array().unwrap().iter().any(|happening| happening["name"] == name)
+    };
+    let before = received(&wait_for(&|status| received(status) > 20));
+    sim.kill().unwrap();
+    sim.wait().unwrap();
+    wait_for(&|status| happened(status, "mocap.lost"));
+    let (mut sim, _) = start_sim(port);
+    wait_for(&|status| happened(status, "mocap.connected"));
+    wait_for(&|status| received(status) > before + 20);
+    assert!(Command::new("kill").args(["-TERM", &recording.id().to_string()]).status().unwrap().success());
+    let verdict = verdict(lines);
+    let output = recording.wait_with_output().unwrap();
+    sim.kill().unwrap();
+    sim.wait().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{verdict}");
+    assert!(
+        verdict["reasons"].as_array().unwrap().iter().any(|r| r.as_str().unwrap().starts_with("mocap was away for"))
+    );
+    assert!(String::from_utf8_lossy(&output.stderr).contains("mocap.lost"), "{output:?}");
+    assert_eq!(counts(&log)("/mocap/frames"), verdict["streams"][0]["written"].as_u64().unwrap());
+    let checked = pslam_exits(0, &["check", text(&log)]);
+    assert!(checked.contains("sound") && checked.contains("mocap.lost"), "{checked}");
+}
+
+/// What a script with file systems of its own prints; `None` where such are not allowed.
+fn mounted(script: &str) -> Option<std::process::Output> {
+    let run = |script: &str| Command::new("unshare").args(["-rm", "bash", "-c", script]).output();
+    if !run("mount -t tmpfs tmpfs /mnt").is_ok_and(|tried| tried.status.success()) {
+        eprintln!("SKIPPED: no file system can be mounted here (unshare -rm)");
+        return None;
+    }
+    Some(run(script).unwrap())
+}
+
+#[test]
+fn a_full_disk_closes_the_log() {
+    let folder = tempfile::tempdir().unwrap();
+    let (disk, kept) = (folder.path().join("disk"), folder.path().join("kept.mcap"));
+    fs::create_dir(&disk).unwrap();
+    let log = disk.join("a.mcap");
+    let pslam = [&[env!("CARGO_BIN_EXE_pslam")], &SMALL[..], &["--reserve", "0", "--duration", "60", "-o", text(&log)]];
+    let script = format!(
+        "mount -t tmpfs -o size=4m tmpfs {disk} && {pslam}; code=$?; cp {log} {kept}; exit $code",
+        disk = text(&disk),
+        pslam = pslam.concat().join(" "),
+        log = text(&log),
+        kept = text(&kept),
+    );
+    let Some(output) = mounted(&script) else { return };
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    let last = String::from_utf8_lossy(&output.stdout).lines().last().unwrap().to_owned();
+    let verdict: serde_json::Value = serde_json::from_str(&last).unwrap();
+    assert!(["reserve", "disk_full"].contains(&verdict["ended_by"]["kind"].as_str().unwrap()), "{last}");
+    let checked = pslam_exits(0, &["check", text(&kept)]);
+    assert!(checked.contains("sound") && counts(&kept)("/camera/gyro/sample") > 0, "{checked}");
+}
+
+#[test]
+fn a_read_only_target_is_told_before_anything_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("a.mcap");
+    let pslam = [&[env!("CARGO_BIN_EXE_pslam")], &SMALL[..], &["--duration", "1", "-o", text(&log)]].concat().join(" ");
+    let script = format!("mount -t tmpfs -o ro tmpfs {} && exec {pslam}", text(folder.path()));
+    let Some(output) = mounted(&script) else { return };
+    let said = String::from_utf8_lossy(&output.stderr).to_lowercase();
+    assert_eq!(output.status.code(), Some(3), "{output:?}");
+    assert!(said.contains("a.mcap") && said.contains("read-only"), "{said}");
+}
+
 #[test]
 fn requests_that_make_no_sense() {
     let folder = tempfile::tempdir().unwrap();

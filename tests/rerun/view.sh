@@ -35,8 +35,9 @@ grep -q "shown at" "$work/said.txt"
 kill -STOP "$server"
 record "$work/stopped.mcap" 3s
 kill -CONT "$server"
-sleep 1
-kill -INT "$server"
+sleep 2
+# The shell starts it with SIGINT ignored.
+kill -TERM "$server"
 wait "$server" || true
 server=
 "$rerun" rrd print -v "$work/seen.rrd" >"$work/seen.txt" 2>&1
