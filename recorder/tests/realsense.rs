@@ -153,6 +153,86 @@ fn planted_faults_are_found() {
     assert_eq!(counters, [1, 2, 5, 6], "the hole is where it was planted");
 }
 
+/// The library's own camera model, which its headers offer to everybody.
+struct VendorLens {
+    library: libloading::Library,
+    lens: RawLens,
+}
+
+#[repr(C)]
+struct RawLens {
+    size: [i32; 2],
+    centre: [f32; 2],
+    focal: [f32; 2],
+    model: i32,
+    coefficients: [f32; 5],
+}
+
+impl VendorLens {
+    fn new(path: &std::path::Path, lens: &Intrinsics, model: i32) -> Self {
+        let size = [lens.width as i32, lens.height as i32];
+        let (centre, focal, coefficients) = ([lens.cx, lens.cy], [lens.fx, lens.fy], lens.coefficients);
+        // SAFETY: the library is loaded already.
+        let library = unsafe { libloading::Library::new(path) }.unwrap();
+        Self { library, lens: RawLens { size, centre, focal, model, coefficients } }
+    }
+
+    fn project(&self, point: [f32; 3]) -> [f32; 2] {
+        type Project = unsafe extern "C" fn(*mut [f32; 2], *const RawLens, *const f32);
+        let mut pixel = [0.0; 2];
+        // SAFETY: the header's declaration: two numbers out, the lens, three numbers in.
+        unsafe {
+            let function = self.library.get::<Project>("rs2_project_point_to_pixel").unwrap();
+            function(&mut pixel, &self.lens, point.as_ptr());
+        }
+        pixel
+    }
+
+    /// x / z and y / z.
+    fn direction(&self, pixel: [f32; 2]) -> [f32; 2] {
+        type Deproject = unsafe extern "C" fn(*mut [f32; 3], *const RawLens, *const f32, f32);
+        let mut point = [0.0; 3];
+        // SAFETY: the header's declaration: three numbers out, the lens, two numbers in, the depth.
+        unsafe {
+            let function = self.library.get::<Deproject>("rs2_deproject_pixel_to_point").unwrap();
+            function(&mut point, &self.lens, pixel.as_ptr(), 1.0);
+        }
+        [point[0], point[1]]
+    }
+}
+
+#[test]
+fn lenses_bend_as_the_vendors_do() {
+    let Some((library, _one)) = library() else { return };
+    // A D455's colour camera, as people post its calibration.
+    let d455 = [-0.055, 0.066, 0.000_6, -0.000_4, -0.021];
+    let models = [
+        (LensModel::None, 0, true),
+        // librealsense has no way back from this one.
+        (LensModel::ModifiedBrownConrady, 1, false),
+        (LensModel::InverseBrownConrady, 2, true),
+        (LensModel::BrownConrady, 4, true),
+    ];
+    for (model, number, both_ways) in models {
+        let coefficients = if model == LensModel::None { [0.0; 5] } else { d455 };
+        let (width, height, fx, fy, cx, cy) = (1280, 720, 637.5, 636.25, 641.5, 359.0);
+        let ours = Intrinsics { width, height, fx, fy, cx, cy, model, coefficients };
+        let theirs = VendorLens::new(library.path(), &ours, number);
+        for pixel in (0..=1280).step_by(64).flat_map(|x| (0..=720).step_by(48).map(move |y| [x as f32, y as f32])) {
+            let [x, y] = ours.direction(pixel);
+            if both_ways {
+                let [their_x, their_y] = theirs.direction(pixel);
+                let apart_px = ((x - their_x) * fx).abs().max(((y - their_y) * fy).abs());
+                assert!(apart_px < 2e-3, "{model:?} {pixel:?}: {x} {y}, theirs {their_x} {their_y}");
+            }
+            let point = [1.5 * x, 1.5 * y, 1.5];
+            let ([u, v], [their_u, their_v]) = (ours.project(point), theirs.project(point));
+            let apart_px = (u - their_u).abs().max((v - their_v).abs());
+            assert!(apart_px < 2e-3, "{model:?} {pixel:?}: {u} {v}, theirs {their_u} {their_v}");
+        }
+    }
+}
+
 /// A slanted wall with a step, holes and noise, so that rays of all kinds occur.
 fn scene(camera: &Intrinsics) -> Vec<u16> {
     let mut noise = 12_345_u32;

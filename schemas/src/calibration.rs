@@ -24,7 +24,7 @@ pub enum Distortion {
         k3: f64,
     },
     /// The same with the tangential part taken from the radially bent point: librealsense's "modified" and "inverse"
-    /// Brown-Conrady, which it computes alike whatever their names say. The colour cameras of D455 and D405 are told by it.
+    /// Brown-Conrady, which it projects alike whatever their names say. The colour camera of a D455 is told by it.
     #[serde(rename = "modified_radtan")]
     ModifiedRadtan {
         /// Radial, r^2.
