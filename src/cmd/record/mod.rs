@@ -13,7 +13,7 @@ use crate::{Outcome, Usage};
 use camera::CameraArgs;
 use mocap::MocapArgs;
 use quantity::{bytes, seconds};
-use recorder::capture::{self, Allowed, Limits, RecordOptions, Source, SystemClock, record};
+use recorder::capture::{self, Allowed, Limits, Onlooker, RecordOptions, Source, SystemClock, record};
 use screen::Screen;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use std::collections::BTreeMap;
@@ -85,16 +85,22 @@ impl Record {
         if sources.is_empty() {
             return Err(Usage("there is nothing to record: neither a camera nor motion capture".to_owned()).into());
         }
-        let mut options = self.options();
         let mut screen = Screen::new(self.json, progress);
-        #[cfg(feature = "rerun")]
-        if let Some(address) = &self.view {
-            options.onlookers.push(screen.preview(address, &options.path)?);
-        }
+        let options = RecordOptions { onlookers: self.onlookers(&mut screen)?, ..self.options() };
         let stopped = || stop.load(Ordering::Relaxed);
         let verdict = record(sources, &options, Arc::new(SystemClock), &stopped, &mut |status| screen.status(status))?;
         screen.verdict(&verdict)?;
         Ok(Outcome::from_good(verdict.complete))
+    }
+
+    #[cfg(feature = "rerun")]
+    fn onlookers(&self, screen: &mut Screen) -> anyhow::Result<Vec<Arc<dyn Onlooker>>> {
+        self.view.iter().map(|address| screen.preview(address, &self.out)).collect()
+    }
+
+    #[cfg(not(feature = "rerun"))]
+    fn onlookers(&self, _: &mut Screen) -> anyhow::Result<Vec<Arc<dyn Onlooker>>> {
+        Ok(Vec::new())
     }
 
     fn options(&self) -> RecordOptions {
