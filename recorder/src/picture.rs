@@ -285,7 +285,7 @@ mod tests {
         assert_eq!((kept.width, kept.height, kept.reencoded, &kept.bytes), (2, 3, false, &file));
         assert_eq!(decode_rgb8(&file).unwrap(), (2, 3, rgb));
 
-        let gray = encode_png(2, 1, png::ColorType::Grayscale, png::BitDepth::Eight, &[7, 200]).unwrap();
+        let gray = encode_png(2, 1, png::ColorType::Grayscale, png::BitDepth::Eight, &[7, 200], Packing::Fast).unwrap();
         let kept = color_file(gray.clone()).unwrap();
         assert!(kept.reencoded);
         assert_eq!(decode_rgb8(&kept.bytes).unwrap().2, [7, 7, 7, 200, 200, 200]);
