@@ -6,7 +6,9 @@ use recorder::edit::EditError;
 use recorder::recover::RecoverError;
 use replayer::OutputError;
 use replayer::VocabularyFileError;
+use replayer::card::CardError;
 use replayer::eval::EvalError;
+use replayer::export::ExportError;
 use replayer::run::RunError;
 use slam::ConfigError;
 use std::error::Error;
@@ -76,6 +78,8 @@ fn is_usage(cause: &(dyn Error + 'static)) -> bool {
         || is_in_the_way(cause)
         || matches!(cause.downcast_ref(), Some(EvalError::Option(_)))
         || matches!(cause.downcast_ref(), Some(RecoverError::SameFile(_)))
+        || matches!(cause.downcast_ref(), Some(ExportError::Refused(_)))
+        || matches!(cause.downcast_ref(), Some(CardError::Refused(_)))
         || matches!(cause.downcast_ref(), Some(RecordError::Refused(_)))
         || matches!(cause.downcast_ref(), Some(EditError::SameFile(_) | EditError::Refused(_)))
         || cause.downcast_ref().is_some_and(is_run_usage)
@@ -97,9 +101,12 @@ fn is_run_usage(error: &RunError) -> bool {
 /// Something stands where the output should go.
 fn is_in_the_way(cause: &(dyn Error + 'static)) -> bool {
     let exists = |error: &WriteError| matches!(error, WriteError::Exists(_) | WriteError::Unfinished(_));
+    let stands = |error: &OutputError| !matches!(error, OutputError::Io { .. });
     cause.downcast_ref().is_some_and(exists)
-        || matches!(cause.downcast_ref(), Some(OutputError::Exists { .. }))
+        || cause.downcast_ref().is_some_and(stands)
         // Transparent errors are not links of the chain of their own.
+        || matches!(cause.downcast_ref(), Some(ExportError::Output(error)) if stands(error))
+        || matches!(cause.downcast_ref(), Some(CardError::Output(error)) if stands(error))
         || matches!(cause.downcast_ref(), Some(RecordError::Log(error)) if exists(error))
 }
 

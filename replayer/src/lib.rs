@@ -1,7 +1,10 @@
 //! Everything that reads a log: reader and timeline ([`log`]), the deterministic replay with its proofs ([`run`]),
-//! evaluation against ground truth ([`eval`]) and plots ([`plot`]).
+//! evaluation against ground truth ([`eval`]), plots ([`plot`]), and other programs' folders ([`export`]),
+//! and folders to publish ([`card`]).
 
+pub mod card;
 pub mod eval;
+pub mod export;
 #[cfg(feature = "rerun")]
 pub mod inspect;
 pub mod log;
@@ -12,6 +15,6 @@ pub mod stopwatch;
 mod truth;
 mod vocabulary;
 
-pub use output::{OutputError, write_file};
+pub use output::{OutputError, OutputFolder, write_file};
 pub use truth::{TruthError, read_truth};
 pub use vocabulary::VocabularyFileError;

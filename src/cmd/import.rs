@@ -3,11 +3,13 @@
 use crate::progress::{self, Progress};
 use crate::{Outcome, Usage, stdout};
 use recorder::import::{
-    CameraSource, EurocOptions, KittiOptions, PanopticSource, TruthOf, TumOptions, euroc, kitti, realsense, tum,
+    BagOptions, CameraSource, EurocOptions, KittiOptions, PanopticSource, TruthOf, TumOptions, euroc, kitti, png,
+    realsense, rosbag2, tum,
 };
 use recorder::realsense::Library;
 use schemas::calibration::{CameraModel, Distortion, Preset};
-use std::path::PathBuf;
+use schemas::topics;
+use std::path::{Path, PathBuf};
 
 /// Kinds of folders.
 #[derive(Debug, clap::Subcommand)]
@@ -18,6 +20,10 @@ pub enum Source {
     Euroc(Euroc),
     /// KITTI odometry: calib.txt, times.txt, image_0, image_1 and poses.
     Kitti(Kitti),
+    /// A ROS 2 bag with MCAP storage: a folder with metadata.yaml, or its file.
+    Rosbag2(Rosbag2),
+    /// Numbered pictures and CSV tables, as `pslam export png` writes them.
+    Png(Png),
     /// A recording of librealsense: .bag, or .db3 with librealsense 2.58 and newer.
     Realsense(Realsense),
 }
@@ -28,6 +34,8 @@ impl Source {
             Self::Tum(command) => command.run(progress),
             Self::Euroc(command) => command.run(progress),
             Self::Kitti(command) => command.run(progress),
+            Self::Rosbag2(command) => command.run(progress),
+            Self::Png(command) => command.run(progress),
             Self::Realsense(command) => command.run(),
         }
     }
@@ -44,10 +52,10 @@ struct Sequence {
     /// Leave the right camera out.
     #[arg(long)]
     mono: bool,
-    /// Folder of COCO panoptic PNG files of the left pictures; its JSON is DIR.json, DIR/panoptic.json or
-    /// DIR/../panoptic.json.
-    #[arg(long, value_name = "DIR")]
-    panoptic: Option<PathBuf>,
+    /// Folder of COCO panoptic PNG files of the left pictures, several times with a name for the layer of each; its JSON is
+    /// DIR.json, DIR/panoptic.json or DIR/../panoptic.json.
+    #[arg(long, value_name = "[LAYER=]DIR")]
+    panoptic: Vec<String>,
     /// The JSON file of --panoptic, if it stands elsewhere.
     #[arg(long, value_name = "FILE", requires = "panoptic")]
     panoptic_json: Option<PathBuf>,
@@ -61,12 +69,18 @@ struct Sequence {
 
 impl Sequence {
     fn panoptic(&self) -> Vec<PanopticSource> {
-        panoptic(self.panoptic.as_ref(), self.panoptic_json.as_ref())
+        panoptic(&self.panoptic, self.panoptic_json.as_ref())
     }
 }
 
-fn panoptic(dir: Option<&PathBuf>, json: Option<&PathBuf>) -> Vec<PanopticSource> {
-    dir.map(|dir| PanopticSource { json: json.cloned(), ..PanopticSource::new(dir) }).into_iter().collect()
+/// `DIR` is the layer that a replay reads, `LAYER=DIR` one with that name.
+fn panoptic(dirs: &[String], json: Option<&PathBuf>) -> Vec<PanopticSource> {
+    let source = |text: &String| {
+        let named = text.split_once('=').filter(|(layer, _)| topics::is_layer_name(layer));
+        let (layer, dir) = named.unwrap_or((topics::DEFAULT_LAYER, text));
+        PanopticSource { json: json.cloned(), layer: layer.to_owned(), ..PanopticSource::new(Path::new(dir)) }
+    };
+    dirs.iter().map(source).collect()
 }
 
 /// Arguments.
@@ -74,10 +88,10 @@ fn panoptic(dir: Option<&PathBuf>, json: Option<&PathBuf>) -> Vec<PanopticSource
 pub struct Euroc {
     #[command(flatten)]
     sequence: Sequence,
-    /// Ground truth of the body as data.csv; default: mav0/state_groundtruth_estimate0/data.csv.
+    /// Ground truth of the body as data.csv; default, without one of the camera: mav0/state_groundtruth_estimate0/data.csv.
     #[arg(long, value_name = "FILE", conflicts_with = "camera_truth")]
     body_truth: Option<PathBuf>,
-    /// Ground truth of the left camera in the same layout; default, without one of the body: groundtruth_leftcam.csv.
+    /// Ground truth of the left camera in the same layout; default: groundtruth_leftcam.csv.
     #[arg(long, value_name = "FILE")]
     camera_truth: Option<PathBuf>,
 }
@@ -131,9 +145,10 @@ pub struct Tum {
     /// The log to write.
     #[arg(short, long)]
     out: PathBuf,
-    /// Folder of COCO panoptic PNG files; its JSON is DIR.json, DIR/panoptic.json or DIR/../panoptic.json.
-    #[arg(long, value_name = "DIR")]
-    panoptic: Option<PathBuf>,
+    /// Folder of COCO panoptic PNG files, several times with a name for the layer of each; its JSON is DIR.json,
+    /// DIR/panoptic.json or DIR/../panoptic.json.
+    #[arg(long, value_name = "[LAYER=]DIR")]
+    panoptic: Vec<String>,
     /// The JSON file of --panoptic, if it stands elsewhere.
     #[arg(long, value_name = "FILE", requires = "panoptic")]
     panoptic_json: Option<PathBuf>,
@@ -220,7 +235,7 @@ impl Tum {
             camera: self.camera.source()?,
             depth_units_per_metre: self.depth_scale.clone(),
             tolerance_ns: tolerance_ns.round() as u64,
-            panoptic: panoptic(self.panoptic.as_ref(), self.panoptic_json.as_ref()),
+            panoptic: panoptic(&self.panoptic, self.panoptic_json.as_ref()),
             force: self.force,
         })
     }
@@ -229,6 +244,75 @@ impl Tum {
         let options = self.options()?;
         let bar = progress.bar("importing");
         let report = tum(&self.dir, &self.out, &options, &mut |done, all| progress::update(&bar, done, all))?;
+        bar.finish_and_clear();
+        stdout::either(self.json, &report)?;
+        Ok(Outcome::Good)
+    }
+}
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+pub struct Rosbag2 {
+    /// The folder, or its MCAP file.
+    dir: PathBuf,
+    /// The log to write.
+    #[arg(short, long)]
+    out: PathBuf,
+    /// Topic of the colour pictures; default: the only one.
+    #[arg(long, value_name = "TOPIC")]
+    color: Option<String>,
+    /// Topic of the depth images, registered to colour; default: the only one with depth in its name.
+    #[arg(long, value_name = "TOPIC")]
+    depth: Option<String>,
+    /// Topic of the colour camera's calibration; default: camera_info beside the pictures.
+    #[arg(long, value_name = "TOPIC")]
+    info: Option<String>,
+    /// Topic of the camera's true poses (PoseStamped, world_from_camera); default: none.
+    #[arg(long, value_name = "TOPIC")]
+    pose: Option<String>,
+    /// Topic of inertial rows; default: the only one.
+    #[arg(long, value_name = "TOPIC")]
+    imu: Option<String>,
+    /// Overwrite an existing log.
+    #[arg(long)]
+    force: bool,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Rosbag2 {
+    fn run(self, progress: Progress) -> anyhow::Result<Outcome> {
+        let Self { dir, out, color, depth, info, pose, imu, force, json } = self;
+        let options = BagOptions { color, depth, info, pose, imu, force };
+        let bar = progress.bar("importing");
+        let report = rosbag2(&dir, &out, &options, &mut |done, all| progress::update(&bar, done, all))?;
+        bar.finish_and_clear();
+        stdout::either(json, &report)?;
+        Ok(Outcome::Good)
+    }
+}
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+pub struct Png {
+    /// The folder.
+    dir: PathBuf,
+    /// The log to write.
+    #[arg(short, long)]
+    out: PathBuf,
+    /// Overwrite an existing log.
+    #[arg(long)]
+    force: bool,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Png {
+    fn run(self, progress: Progress) -> anyhow::Result<Outcome> {
+        let bar = progress.bar("importing");
+        let report = png(&self.dir, &self.out, self.force, &mut |done, all| progress::update(&bar, done, all))?;
         bar.finish_and_clear();
         stdout::either(self.json, &report)?;
         Ok(Outcome::Good)

@@ -4,6 +4,7 @@ mod bench;
 mod board;
 #[cfg(feature = "opencv")]
 mod calibrate;
+mod card;
 mod check;
 mod config;
 mod demo;
@@ -11,6 +12,7 @@ mod devices;
 mod diff;
 mod edit;
 mod eval;
+mod export;
 mod import;
 mod info;
 mod record;
@@ -35,6 +37,10 @@ pub enum Command {
     /// Turn a data set folder or a vendor's recording into a log.
     #[command(subcommand)]
     Import(import::Source),
+    /// Turn a log into a folder that other programs read.
+    Export(export::Export),
+    /// Make a dataset folder ready to publish: README, citation, checksums, Croissant metadata, statistics, contact sheets.
+    Card(Box<card::Card>),
     /// Show what is in a log.
     Info(info::Info),
     /// Look for everything that is wrong with a log; exit code 1 if a replay would suffer.
@@ -89,6 +95,8 @@ impl Command {
             Self::Devices(command) => command.run(),
             Self::Record(command) => command.run(progress),
             Self::Import(source) => source.run(progress),
+            Self::Export(command) => command.run(progress),
+            Self::Card(command) => command.run(progress),
             Self::Info(command) => command.run(),
             Self::Check(command) => command.run(),
             Self::Recover(command) => command.run(),

@@ -7,7 +7,8 @@ use super::{ImportError, PanopticSource, Repairs, SequenceReport, read_text};
 use nalgebra::{Matrix3, Vector3};
 use schemas::Stamp;
 use schemas::calibration::{CameraModel, Distortion};
-use schemas::stereo::StereoModel;
+use schemas::msg::{CameraInfo, Header};
+use schemas::stereo::{StereoError, StereoModel};
 use slam_math::Se3;
 use std::path::{Path, PathBuf};
 
@@ -25,8 +26,8 @@ pub enum TruthOf {
 pub struct EurocOptions {
     /// Take the right camera too, if there is one.
     pub stereo: bool,
-    /// Ground truth and whose it is. By default `mav0/state_groundtruth_estimate0/data.csv` of the body, else
-    /// `groundtruth_leftcam.csv` beside `mav0` of the left camera.
+    /// Ground truth and whose it is. By default `groundtruth_leftcam.csv` beside `mav0` of the left camera, else
+    /// `mav0/state_groundtruth_estimate0/data.csv` of the body.
     pub truth: Option<(PathBuf, TruthOf)>,
     /// Labels of the left pictures.
     pub panoptic: Vec<PanopticSource>,
@@ -64,10 +65,7 @@ fn read(dir: &Path, options: &EurocOptions, repairs: &mut Repairs) -> Result<Seq
     let right = if options.stereo && mav.join("cam1").is_dir() {
         let right = Sensor::read(&mav.join("cam1"))?;
         attachments.push(right.attachment());
-        let right_from_left = right.body_from_sensor.inverse() * left.body_from_sensor;
-        let rotation: [f64; 9] = std::array::from_fn(|i| right_from_left.rotation[(i / 3, i % 3)]);
-        let stereo = StereoModel::rectify(left.camera, right.camera, rotation, right_from_left.translation.into());
-        let stereo = stereo.map_err(|error| ImportError::content(&right.yaml, error.to_string()))?;
+        let stereo = stereo(&left, &right).map_err(|error| ImportError::content(&right.yaml, error.to_string()))?;
         Some((stereo, pictures(&right.dir, repairs)?))
     } else {
         None
@@ -107,10 +105,21 @@ fn read(dir: &Path, options: &EurocOptions, repairs: &mut Repairs) -> Result<Seq
     })
 }
 
+/// Rectified as the files say (`pslam export` writes that), else computed from where the cameras are.
+fn stereo(left: &Sensor, right: &Sensor) -> Result<StereoModel, StereoError> {
+    if let (Some(left), Some(right)) = (left.rectified(), right.rectified()) {
+        return StereoModel::from_camera_infos(&left, &right);
+    }
+    let right_from_left = right.body_from_sensor.inverse() * left.body_from_sensor;
+    let rotation: [f64; 9] = std::array::from_fn(|i| right_from_left.rotation[(i / 3, i % 3)]);
+    StereoModel::rectify(left.camera, right.camera, rotation, right_from_left.translation.into())
+}
+
 fn find_truth(mav: &Path) -> Option<(PathBuf, TruthOf)> {
     let of_body = mav.join("state_groundtruth_estimate0").join("data.csv");
     let of_camera = mav.parent().unwrap_or(mav).join("groundtruth_leftcam.csv");
-    let known = [(of_body, TruthOf::Body), (of_camera, TruthOf::LeftCamera)];
+    // The camera's own poses first: they need no way through the body's frame, which rounds.
+    let known = [(of_camera, TruthOf::LeftCamera), (of_body, TruthOf::Body)];
     known.into_iter().find(|(path, _)| path.exists())
 }
 
@@ -120,16 +129,28 @@ struct Sensor {
     yaml: PathBuf,
     camera: CameraModel,
     body_from_sensor: Se3,
+    /// `rectification_matrix` and `projection_matrix`, as ROS calibration files name them.
+    rectification: Option<([f64; 9], [f64; 12])>,
 }
 
 impl Sensor {
     fn read(dir: &Path) -> Result<Self, ImportError> {
         let yaml = dir.join("sensor.yaml");
         let text = read_text(&yaml, " (an EuRoC folder has mav0/cam0/sensor.yaml)")?;
-        let parsed = yaml_table(&text).and_then(|table| Ok((camera(&table)?, extrinsics(&table)?)));
-        let (camera, body_from_sensor) = parsed.map_err(|message| ImportError::content(&yaml, message))?;
+        let parsed = yaml_table(&text).and_then(|table| {
+            let rectification = numbers(&table, "rectification_matrix.data").ok();
+            let rectification = rectification.zip(numbers(&table, "projection_matrix.data").ok());
+            Ok((camera(&table)?, extrinsics(&table)?, rectification))
+        });
+        let (camera, body_from_sensor, rectification) =
+            parsed.map_err(|message| ImportError::content(&yaml, message))?;
         let camera = camera.validated().map_err(|source| ImportError::Calibration { path: yaml.clone(), source })?;
-        Ok(Self { dir: dir.to_owned(), yaml, camera, body_from_sensor })
+        Ok(Self { dir: dir.to_owned(), yaml, camera, body_from_sensor, rectification })
+    }
+
+    fn rectified(&self) -> Option<CameraInfo> {
+        let (r, p) = self.rectification?;
+        Some(CameraInfo { r, p, ..self.camera.to_camera_info(Header::default()) })
     }
 
     fn attachment(&self) -> (String, PathBuf) {
@@ -160,7 +181,10 @@ fn camera(table: &Table) -> Result<CameraModel, String> {
         return Err(format!("resolution [{width}, {height}] is no picture size"));
     }
     let [fx, fy, cx, cy] = numbers(table, "intrinsics")?;
-    let d: [f64; 4] = numbers(table, "distortion_coefficients")?;
+    let d: Vec<f64> = match numbers::<4>(table, "distortion_coefficients") {
+        Ok(d) => d.to_vec(),
+        Err(reason) => numbers::<5>(table, "distortion_coefficients").map_err(|_| reason)?.to_vec(),
+    };
     let distortion = Distortion::from_ros(word("distortion_model"), &d).map_err(|error| error.to_string())?;
     Ok(CameraModel { width: width as u32, height: height as u32, fx, fy, cx, cy, distortion })
 }

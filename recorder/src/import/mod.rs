@@ -1,17 +1,21 @@
 //! Data set folders and vendors' recordings to logs. Nothing is lost: every picture, every ground-truth row, stamps to the
 //! nanosecond; what had to be repaired or left out is counted in the report and in the log.
 
+mod bag;
 mod camera_file;
 mod coco;
 mod euroc;
 mod kitti;
 mod lists;
+mod plain;
 mod realsense;
 mod sequence;
 mod tum;
 
+pub use bag::{BagOptions, TopicReport, rosbag2};
 pub use euroc::{EurocOptions, TruthOf, euroc};
 pub use kitti::{KittiOptions, kitti};
+pub use plain::png;
 pub use realsense::{RealsenseReport, realsense};
 pub use tum::tum;
 

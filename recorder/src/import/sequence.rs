@@ -195,7 +195,8 @@ impl Sequence {
 }
 
 impl ImuRow {
-    fn message(&self) -> Result<Imu, ImportError> {
+    /// As a log holds it.
+    pub fn message(&self) -> Result<Imu, ImportError> {
         let vector = |[x, y, z]: [f64; 3]| Vector3 { x, y, z };
         let header = Header::new(self.stamp, frame::IMU).map_err(WriteError::from)?;
         let mut imu = Imu { header, ..Imu::default() };
@@ -207,7 +208,7 @@ impl ImuRow {
 }
 
 /// Reads and checks a picture; it must have the calibration's size.
-fn read_picture(file: &ListedFile, camera: &CameraModel, repairs: &mut Repairs) -> Result<ColorFile, ImportError> {
+pub fn read_picture(file: &ListedFile, camera: &CameraModel, repairs: &mut Repairs) -> Result<ColorFile, ImportError> {
     let path = Path::new(&file.path);
     let bytes = read_file(path, " (named in the folder's list of pictures)")?;
     let picture = gray_or_color_file(bytes).map_err(|source| ImportError::Picture { path: path.to_owned(), source })?;

@@ -63,7 +63,7 @@ pub enum Event<'a> {
     Attachment {
         name: String,
         media_type: String,
-        bytes: u64,
+        data: &'a [u8],
     },
     Statistics(Statistics),
     ChunkIndex(ChunkIndex),
@@ -254,7 +254,7 @@ impl Scanner {
         match mcap::parse_record(op::ATTACHMENT, body) {
             Ok(Record::Attachment { header, data, .. }) => {
                 let (name, media_type) = (header.name, header.media_type);
-                sink(Event::Attachment { name, media_type, bytes: data.len() as u64 }).map(Ok)
+                sink(Event::Attachment { name, media_type, data: &data }).map(Ok)
             }
             Ok(_) => Ok(Err("not an attachment".to_owned())),
             Err(error) => Ok(Err(error.to_string())),

@@ -139,7 +139,7 @@ impl MaskPixels {
     }
 }
 
-fn mask([class, instance, segments]: &[Vec<u8>; 3], size: (usize, usize)) -> Result<MaskPixels, String> {
+pub(crate) fn mask([class, instance, segments]: &[Vec<u8>; 3], size: (usize, usize)) -> Result<MaskPixels, String> {
     let (_, class) = pixels(class, size).map_err(|r| format!("class image: {r}"))?;
     let (_, instance) = pixels(instance, size).map_err(|r| format!("instance image: {r}"))?;
     let mut segments = decoded::<SegmentTable>(segments).map_err(|r| format!("segment table: {r}"))?.segments;

@@ -20,10 +20,14 @@ mod stream;
 mod timeline;
 
 pub use check::{CheckReport, Finding, Severity, check};
+pub(crate) use container::{Event, scan};
 pub use decode::{DecodeError, DecodedFrame, DepthPixels, MaskPixels, RgbImage, decode};
+pub(crate) use decode::{color as color_pixels, mask as mask_pixels};
 pub use error::LogError;
 pub use info::{AttachmentInfo, GroundTruthInfo, LayerInfo, LogInfo, TopicInfo};
 pub use open::Log;
+pub(crate) use open::{Entry, decoded, stamp_of};
 pub use signals::read_signals;
+pub(crate) use stream::encoded_image;
 pub use stream::{EncodedImage, FrameStream, RawFrame};
 pub use timeline::{Timeline, TimelineFrame};

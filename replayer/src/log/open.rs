@@ -180,6 +180,15 @@ impl Log {
         text.parse().ok().filter(|v: &f64| v.is_finite() && *v > 0.0).ok_or_else(wrong)
     }
 
+    /// Topics and their messages, by name.
+    pub(crate) fn topic_counts(&self) -> impl Iterator<Item = (&str, usize)> {
+        self.topics.iter().map(|(name, topic)| (name.as_str(), topic.entries.len()))
+    }
+
+    pub(crate) fn has_messages(&self, topic: &str) -> bool {
+        self.topics.get(topic).is_some_and(|topic| !topic.entries.is_empty())
+    }
+
     /// Names of the segmentation layers, sorted.
     #[must_use]
     pub fn layers(&self) -> Vec<&str> {
@@ -216,8 +225,8 @@ impl Log {
             Event::Metadata { name, values } => {
                 self.metadata.insert(name, values);
             }
-            Event::Attachment { name, media_type, bytes } => {
-                self.attachments.push(AttachmentInfo { name, media_type, bytes });
+            Event::Attachment { name, media_type, data } => {
+                self.attachments.push(AttachmentInfo { name, media_type, bytes: data.len() as u64 });
             }
             Event::Statistics(_) | Event::ChunkIndex(_) => {}
             Event::Damage(error) => return Err(error),

@@ -40,7 +40,7 @@ pub(crate) struct Pixels {
 }
 
 /// A picture's message as a picture file, or as raw pixels with their encoding as the format.
-fn encoded_image(message: &[u8], raw: bool) -> Result<EncodedImage, String> {
+pub(crate) fn encoded_image(message: &[u8], raw: bool) -> Result<EncodedImage, String> {
     if !raw {
         let picture: CompressedImage<'_> = decoded(message)?;
         return Ok(EncodedImage { format: picture.format, bytes: picture.data.into_owned() });
