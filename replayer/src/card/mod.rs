@@ -161,7 +161,9 @@ pub fn card(
     files.extend(statistics.iter().map(|log| log.contact_sheet.clone()));
     let json = serde_json::to_string_pretty(&statistics).unwrap_or_default() + "\n";
     let license = license_text(options)?;
-    for (name, text) in [("statistics.json", &json), ("frames.csv", &statistics::frames_csv(&statistics)), ("LICENSE", &license)] {
+    for (name, text) in
+        [("statistics.json", &json), ("frames.csv", &statistics::frames_csv(&statistics)), ("LICENSE", &license)]
+    {
         folder.write(name, text.as_bytes())?;
         files.push(name.to_owned());
     }

@@ -108,7 +108,8 @@ impl Card<'_> {
     }
 
     fn pictures(&self) -> String {
-        let mut text = String::from("\n## Pictures\n\nPictures, depth (red is near, blue far, black unknown) and labels.\n");
+        let mut text =
+            String::from("\n## Pictures\n\nPictures, depth (red is near, blue far, black unknown) and labels.\n");
         for log in self.logs {
             let _ = write!(text, "\n`{}`\n\n![{}]({})\n", log.file, log.file, log.contact_sheet);
         }
@@ -136,7 +137,11 @@ impl Card<'_> {
             );
         }
         for log in self.logs.iter().filter(|log| !log.classes.is_empty()) {
-            let _ = write!(text, "\n`{}`: share of pixels by class\n\n| class | share | frames |\n|---|---|---|\n", log.file);
+            let _ = write!(
+                text,
+                "\n`{}`: share of pixels by class\n\n| class | share | frames |\n|---|---|---|\n",
+                log.file
+            );
             for class in log.classes.iter().take(MOST_CLASSES) {
                 let _ = writeln!(text, "| {} | {:.2} % | {} |", class.name, class.share * 100.0, class.frames);
             }
@@ -175,11 +180,17 @@ impl Card<'_> {
         );
         for log in self.logs {
             let Some(sync) = &log.sync else {
-                let _ = writeln!(text, "- `{}`: no record of clock offsets or of a hand-eye transform in the log", log.file);
+                let _ = writeln!(
+                    text,
+                    "- `{}`: no record of clock offsets or of a hand-eye transform in the log",
+                    log.file
+                );
                 continue;
             };
-            let number = |value: Option<f64>, unit: &str| value.map_or("not known".to_owned(), |v| format!("{v:.3} {unit}"));
-            let residual = sync.hand_eye_residual.map_or("not known".to_owned(), |[deg, mm]| format!("{deg:.3} deg, {mm:.2} mm"));
+            let number =
+                |value: Option<f64>, unit: &str| value.map_or("not known".to_owned(), |v| format!("{v:.3} {unit}"));
+            let residual =
+                sync.hand_eye_residual.map_or("not known".to_owned(), |[deg, mm]| format!("{deg:.3} deg, {mm:.2} mm"));
             let _ = writeln!(
                 text,
                 "- `{}`: mocap minus camera {} (standard deviation {}), drift {}, hand-eye residual {residual}; {}",
@@ -194,7 +205,8 @@ impl Card<'_> {
     }
 
     fn issues(&self) -> String {
-        let mut text = String::from("\n## Known issues\n\nWhat `pslam check` finds, losses while recording included:\n\n");
+        let mut text =
+            String::from("\n## Known issues\n\nWhat `pslam check` finds, losses while recording included:\n\n");
         for log in self.logs {
             if log.known_issues.is_empty() {
                 let _ = writeln!(text, "- `{}`: none", log.file);
@@ -212,7 +224,9 @@ impl Card<'_> {
             let person = log.classes.iter().find(|class| class.name == schemas::panoptic::PERSON);
             let seen = match person {
                 Some(class) => format!("the labels show people in {} of {} frames", class.frames, log.frames),
-                None if log.classes.is_empty() => "there are no labels that would tell whether people are visible".to_owned(),
+                None if log.classes.is_empty() => {
+                    "there are no labels that would tell whether people are visible".to_owned()
+                }
                 None => "the labels show no people".to_owned(),
             };
             let _ = writeln!(text, "- `{}`: {seen}; {}", log.file, redacted(log));

@@ -50,13 +50,21 @@ impl Sheet {
     pub fn depth(&mut self, stamp: Stamp, units: &[u16], source: &Source<'_>) {
         let Some(column) = self.depth_columns.get(&stamp).copied() else { return };
         let data = units.iter().flat_map(|unit| depth_color(f64::from(*unit) / source.units_per_metre)).collect();
-        self.keep(1, column, &Canvas { width: source.camera.width as usize, height: source.camera.height as usize, data });
+        self.keep(
+            1,
+            column,
+            &Canvas { width: source.camera.width as usize, height: source.camera.height as usize, data },
+        );
     }
 
     pub fn mask(&mut self, stamp: Stamp, class: &[u16], source: &Source<'_>) {
         let Some(column) = self.columns.get(&stamp).copied() else { return };
         let data = class.iter().flat_map(|id| category_color(*id)).collect();
-        self.keep(2, column, &Canvas { width: source.camera.width as usize, height: source.camera.height as usize, data });
+        self.keep(
+            2,
+            column,
+            &Canvas { width: source.camera.width as usize, height: source.camera.height as usize, data },
+        );
     }
 
     /// Shrinks at once: a sheet's memory is that of its cells.

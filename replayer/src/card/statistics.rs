@@ -119,12 +119,13 @@ pub(super) fn of(
     let info = log.info();
     let timeline = log.timeline(log.default_layer())?;
     let source = Source::new(&log, &ExportOptions::default())?;
-    let mut tally = Tally { layer: log.default_layer().map(str::to_owned), sheet: Sheet::new(&source), ..Tally::default() };
+    let mut tally =
+        Tally { layer: log.default_layer().map(str::to_owned), sheet: Sheet::new(&source), ..Tally::default() };
     let mut report = ExportReport::new(&log, Format::Png);
     source.pass(&mut tally, folder, &mut report, progress)?;
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let contact_sheet = format!("preview/{stem}.png");
-    folder.write(&contact_sheet, &tally.sheet.draw()?)?;
+    folder.write(&contact_sheet, &std::mem::take(&mut tally.sheet).draw()?)?;
     let pictures = info.topics.iter().find(|t| t.topic.starts_with("/camera/color/image"));
     let row = |frame: &crate::log::TimelineFrame| FrameRow {
         stamp: frame.stamp,
@@ -283,10 +284,13 @@ impl Tally {
             None if id == schemas::panoptic::VOID_CLASS => "void".to_owned(),
             None => format!("class {id}"),
         };
-        let mut counts: Vec<(u16, u64, usize)> = self.classes.iter().map(|(id, (n, frames))| (*id, *n, *frames)).collect();
+        let mut counts: Vec<(u16, u64, usize)> =
+            self.classes.iter().map(|(id, (n, frames))| (*id, *n, *frames)).collect();
         counts.sort_by_key(|(id, pixels, _)| (std::cmp::Reverse(*pixels), *id));
-        let share = |(id, pixels, frames): (u16, u64, usize)| {
-            ClassShare { name: name(id), share: pixels as f64 / self.mask_pixels as f64, frames }
+        let share = |(id, pixels, frames): (u16, u64, usize)| ClassShare {
+            name: name(id),
+            share: pixels as f64 / self.mask_pixels as f64,
+            frames,
         };
         counts.into_iter().map(share).collect()
     }

@@ -65,15 +65,14 @@ impl Layout for Euroc {
     }
 
     fn take(&mut self, item: Item<'_>, folder: &OutputFolder, source: &Source<'_>) -> Result<(), ExportError> {
-        let camera =
-            |name: &str, stamp: Stamp, image: EncodedImage, rows: &mut Rows| -> Result<String, ExportError> {
-                let (extension, bytes) = picture::file(stamp, image, &source.camera)?;
-                let file = format!("{}.{extension}", stamp.0);
-                let path = format!("mav0/{name}/data/{file}");
-                folder.write(&path, &bytes)?;
-                rows.add(stamp, format!("{},{file}", stamp.0));
-                Ok(path)
-            };
+        let camera = |name: &str, stamp: Stamp, image: EncodedImage, rows: &mut Rows| -> Result<String, ExportError> {
+            let (extension, bytes) = picture::file(stamp, image, &source.camera)?;
+            let file = format!("{}.{extension}", stamp.0);
+            let path = format!("mav0/{name}/data/{file}");
+            folder.write(&path, &bytes)?;
+            rows.add(stamp, format!("{},{file}", stamp.0));
+            Ok(path)
+        };
         match item {
             Item::Color(stamp, image) => {
                 let path = camera("cam0", stamp, image, &mut self.left)?;

@@ -29,7 +29,6 @@ use crate::OutputFolder;
 use crate::log::{EncodedImage, Log, MaskPixels};
 pub(crate) use source::Source;
 
-
 /// The report's name in the folder; an older folder without it is never replaced.
 pub const REPORT: &str = "export.json";
 

@@ -109,7 +109,7 @@ pub(crate) struct Canvas {
 
 impl Canvas {
     /// One colour everywhere.
-        pub fn new(width: usize, height: usize, color: [u8; 3]) -> Self {
+    pub fn new(width: usize, height: usize, color: [u8; 3]) -> Self {
         Self { width, height, data: color.repeat(width * height) }
     }
 
