@@ -4,8 +4,10 @@ use crate::support::{pslam, pslam_exits, small_world, text, write_log};
 use serde_json::Value;
 use std::fs;
 
-const COMMANDS: [&str; 12] =
-    ["import", "info", "check", "recover", "config", "replay", "verify", "diff", "eval", "bench", "suite", "demo"];
+const COMMANDS: [&str; 14] = [
+    "import", "export", "card", "info", "check", "recover", "config", "replay", "verify", "diff", "eval", "bench",
+    "suite", "demo",
+];
 
 fn json(output: &str) -> Value {
     serde_json::from_str(output).unwrap_or_else(|e| panic!("{e}: {output}"))

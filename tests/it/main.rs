@@ -10,6 +10,7 @@ mod edit;
 mod layers;
 mod record;
 mod repo_lint;
+mod share;
 mod sim;
 mod state;
 mod suite;

@@ -30,7 +30,12 @@ impl Card<'_> {
 
     fn front_matter(&mut self) -> String {
         let license = match &self.options.license {
-            Some(id) => id.to_lowercase(),
+            Some(id) => {
+                if self.options.license_file.is_none() {
+                    self.to_fill_in.push("the text of the licence (LICENSE; or --license-file)".to_owned());
+                }
+                id.to_lowercase()
+            }
             None => {
                 self.to_fill_in.push("the licence (LICENSE, README.md, croissant.json; or --license)".to_owned());
                 "other".to_owned()
@@ -159,10 +164,24 @@ impl Card<'_> {
              forward, pixel centres at whole numbers. A pose is world_from_camera. Depth is along z, 0 = no measurement. \
              Class and instance 0 mean unknown, not background.\n",
         );
+        let mut told: Vec<&LogStatistics> = Vec::new();
         for log in self.logs {
-            let _ = write!(text, "\n`{}` ({}) says of itself:\n\n", log.file, log.source);
-            for (key, value) in &log.conventions {
-                let _ = writeln!(text, "- {key}: {value}");
+            let same = told.iter().find(|earlier| earlier.conventions == log.conventions);
+            match same {
+                Some(earlier) => {
+                    let _ = write!(
+                        text,
+                        "\n`{}` ({}) says the same of itself as `{}`.\n\n",
+                        log.file, log.source, earlier.file
+                    );
+                }
+                None => {
+                    let _ = write!(text, "\n`{}` ({}) says of itself:\n\n", log.file, log.source);
+                    for (key, value) in &log.conventions {
+                        let _ = writeln!(text, "- {key}: {value}");
+                    }
+                    told.push(log);
+                }
             }
             if let Some(units) = log.depth_units_per_metre {
                 let _ = writeln!(text, "- depth values of one metre: {units}");
@@ -230,6 +249,13 @@ impl Card<'_> {
                 None => "the labels show no people".to_owned(),
             };
             let _ = writeln!(text, "- `{}`: {seen}; {}", log.file, redacted(log));
+        }
+        let exposed = |log: &&LogStatistics| {
+            log.redactions.is_empty() && log.classes.iter().any(|class| class.name == schemas::panoptic::PERSON)
+        };
+        for log in self.logs.iter().filter(exposed) {
+            self.to_fill_in
+                .push(format!("people are labelled in {}, which is not redacted: see `pslam redact`", log.file));
         }
         text += "\nFILL IN: who is visible or audible, how they agreed to publication (form, date, scope, withdrawal), which ethics \
                  board or data protection office decided what, and whom to ask for removal.\n";
