@@ -39,7 +39,7 @@ impl Card<'_> {
             "recordSet": [{
                 "@type": "cr:RecordSet", "@id": "frames", "name": "frames",
                 "description": "The frames of all logs; their pictures stand in the logs.",
-                "field": COLUMNS.iter().map(|column| field(column)).collect::<Vec<_>>(),
+                "field": COLUMNS.iter().map(field).collect::<Vec<_>>(),
             }],
         });
         if let Some(date) = &options.date {

@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 
 use schemas::Stamp;
-use schemas::msg::SCORE_UNKNOWN;
 use schemas::topics;
 use serde_json::{Value, json};
 
@@ -92,7 +91,8 @@ fn segment(s: &schemas::msg::Segment) -> Value {
         "id": s.id, "category_id": s.category_id, "area": s.area,
         "bbox": [s.x, s.y, s.width, s.height], "iscrowd": u8::from(s.is_crowd),
     });
-    if s.score != SCORE_UNKNOWN {
+    // `SCORE_UNKNOWN` is below zero.
+    if s.score >= 0.0 {
         value["score"] = json!(s.score);
     }
     value

@@ -76,7 +76,7 @@ pub(crate) fn category_color(id: u16) -> [u8; 3] {
         4 => [rise, 0, 255],
         _ => [255, 0, 255 - rise],
     };
-    let dark = u16::from(id % 2 == 0);
+    let dark = u16::from(id.is_multiple_of(2));
     full.map(|v: u8| ((u16::from(v) * (3 - dark) + 64 * 3) / 4).min(255) as u8)
 }
 

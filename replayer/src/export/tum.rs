@@ -49,7 +49,7 @@ impl Layout for Tum {
                 self.depth.add(stamp, name);
             }
             Item::Pose(stamp, values) => {
-                self.poses.add(stamp, format!("{} {}", stamp.to_decimal9(), numbers(&values, ' ')))
+                self.poses.add(stamp, format!("{} {}", stamp.to_decimal9(), numbers(&values, ' ')));
             }
             Item::Mask(layer, stamp, mask) => self.layers.mask(layer, stamp, &mask, folder, source)?,
             Item::Right(..) | Item::Imu(..) => {}

@@ -280,7 +280,7 @@ impl Writer<'_> {
                 log.color(stamp, picture.format, &picture.bytes)?;
             }
             Role::Depth => {
-                let (size, units, lost) = pixels::depth(data)?;
+                let pixels::Depth { size, units, lost } = pixels::depth(data)?;
                 fits("depth (it must be registered to colour)", size)?;
                 repairs.add("depth pixel beyond 65.535 m made none", lost);
                 log.depth(stamp, &units)?;

@@ -28,13 +28,22 @@ pub fn color(schema: &str, data: &[u8]) -> Result<ColorFile, String> {
     Ok(ColorFile { width, height, format: format::PNG, bytes, reencoded: false })
 }
 
-/// Depth in millimetres, and how many pixels 16 bits could not hold: `16UC1` as it is, `32FC1` in metres rounded.
-pub fn depth(data: &[u8]) -> Result<((u32, u32), Vec<u16>, u64), String> {
+/// A depth image in millimetres.
+pub struct Depth {
+    /// Columns and rows.
+    pub size: (u32, u32),
+    pub units: Vec<u16>,
+    /// Pixels that 16 bits could not hold.
+    pub lost: u64,
+}
+
+/// `16UC1` as it is, `32FC1` in metres rounded.
+pub fn depth(data: &[u8]) -> Result<Depth, String> {
     use schemas::Message;
     let image = Image::decode(data).map_err(|error| error.to_string())?;
     let size = (image.width, image.height);
     if image.encoding != "32FC1" {
-        return image.pixels_u16().map(|units| (size, units, 0)).map_err(|error| error.to_string());
+        return image.pixels_u16().map(|units| Depth { size, units, lost: 0 }).map_err(|error| error.to_string());
     }
     let (mut units, mut lost) = (Vec::new(), 0);
     for pixel in rows(&image, 4)?.flat_map(|row| row.chunks_exact(4)) {
@@ -46,7 +55,7 @@ pub fn depth(data: &[u8]) -> Result<((u32, u32), Vec<u16>, u64), String> {
         // NaN, infinity and what lies behind the camera is no measurement.
         units.push(if fits && millimetres > 0.0 { millimetres as u16 } else { 0 });
     }
-    Ok((size, units, lost))
+    Ok(Depth { size, units, lost })
 }
 
 /// Rows without padding.
@@ -90,7 +99,7 @@ mod tests {
     fn metres_become_millimetres() {
         let metres = [1.2344_f32, f32::NAN, f32::INFINITY, -1.0, 70.0, 0.0];
         let data = metres.iter().flat_map(|m| m.to_le_bytes()).collect();
-        let (size, units, lost) = depth(&image("32FC1", 6, 24, data)).unwrap();
+        let Depth { size, units, lost } = depth(&image("32FC1", 6, 24, data)).unwrap();
         assert_eq!((size, units, lost), ((6, 1), vec![1234, 0, 0, 0, 0, 0], 1));
     }
 }
