@@ -3,31 +3,24 @@
 use std::collections::BTreeMap;
 
 use schemas::metadata;
-use serde::Serialize;
 
 use crate::log::{CheckReport, Finding, Log};
 
-/// Who was hidden and how, as the audit record of `pslam redact` tells it.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Redaction {
-    /// The record's name.
-    pub record: String,
-    /// Its content.
-    pub values: BTreeMap<String, String>,
+/// The audit record of the last `pslam redact`; `None` for a log that was never redacted.
+pub(super) fn redaction(log: &Log) -> Option<BTreeMap<String, String>> {
+    let record = log.metadata().get(metadata::REDACTION)?;
+    Some(record.iter().filter(|(key, _)| *key != metadata::CHECKSUM_KEY).map(|(k, v)| (k.clone(), v.clone())).collect())
 }
 
-/// Redactions in the order in which they were made; empty for a log as recorded.
-pub(super) fn redactions(log: &Log) -> Vec<Redaction> {
-    let records = log.metadata().iter().filter(|(name, values)| {
-        name.starts_with(metadata::PROVENANCE_PREFIX) && values.get("operation").is_some_and(|o| o == "redact")
-    });
-    let content = |values: &BTreeMap<String, String>| {
-        values.iter().filter(|(key, _)| *key != metadata::CHECKSUM_KEY).map(|(k, v)| (k.clone(), v.clone())).collect()
-    };
-    let mut found: Vec<Redaction> =
-        records.map(|(name, values)| Redaction { record: name.clone(), values: content(values) }).collect();
-    found.sort_by_key(|r| r.record.rsplit('/').next().and_then(|number| number.parse::<u32>().ok()));
-    found
+/// What was done to the log since it was first written, oldest first: operation and arguments.
+pub(super) fn edits(log: &Log) -> Vec<String> {
+    let number = |name: &str| name.strip_prefix(metadata::PROVENANCE_PREFIX)?.parse::<u32>().ok();
+    let records = log.metadata().iter().filter_map(|(name, values)| Some((number(name)?, values)));
+    let word = |values: &BTreeMap<String, String>, key: &str| values.get(key).cloned().unwrap_or_default();
+    let edits: BTreeMap<u32, String> = records
+        .map(|(at, values)| (at, format!("{} {}", word(values, "operation"), word(values, "arguments"))))
+        .collect();
+    edits.into_values().collect()
 }
 
 /// Everything that `pslam check` found, a line each; losses of a recording (its drop ledger) are among them.

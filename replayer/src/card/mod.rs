@@ -19,7 +19,6 @@ use sha2::{Digest, Sha256};
 use crate::export::ExportError;
 use crate::log::{LogError, check};
 use crate::{OutputError, OutputFolder};
-pub use issues::Redaction;
 pub use statistics::{ClassShare, LogStatistics, SyncQuality};
 
 /// The file by which a card's folder is known; an older folder without it is never replaced.

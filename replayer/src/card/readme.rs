@@ -233,6 +233,9 @@ impl Card<'_> {
             for issue in &log.known_issues {
                 let _ = writeln!(text, "- `{}`: {issue}", log.file);
             }
+            for edit in &log.edits {
+                let _ = writeln!(text, "- `{}` was edited: {edit}", log.file);
+            }
         }
         text
     }
@@ -251,7 +254,7 @@ impl Card<'_> {
             let _ = writeln!(text, "- `{}`: {seen}; {}", log.file, redacted(log));
         }
         let exposed = |log: &&LogStatistics| {
-            log.redactions.is_empty() && log.classes.iter().any(|class| class.name == schemas::panoptic::PERSON)
+            log.redaction.is_none() && log.classes.iter().any(|class| class.name == schemas::panoptic::PERSON)
         };
         for log in self.logs.iter().filter(exposed) {
             self.to_fill_in
@@ -272,14 +275,18 @@ impl Card<'_> {
     }
 }
 
-/// What the log's own audit records say.
+/// What the log's own audit record says.
 fn redacted(log: &LogStatistics) -> String {
-    if log.redactions.is_empty() {
-        return "the log was not redacted by `pslam redact`".to_owned();
-    }
-    let one = |redaction: &super::Redaction| {
-        let arguments = redaction.values.get("arguments").map_or("", String::as_str);
-        format!("redacted by `pslam redact` (record {}, {arguments})", redaction.record)
-    };
-    log.redactions.iter().map(one).collect::<Vec<_>>().join("; ")
+    let Some(record) = &log.redaction else { return "the log was not redacted by `pslam redact`".to_owned() };
+    let word = |key: &str| record.get(key).map_or("?", String::as_str);
+    format!(
+        "redacted by `pslam redact`: {} of layer {}, method {}, {} of {} frames; doubtful frames and pixel counts stand in the \
+         log's record `{}`",
+        word("classes"),
+        word("layer"),
+        word("method"),
+        word("frames_redacted"),
+        word("frames"),
+        schemas::metadata::REDACTION,
+    )
 }

@@ -8,7 +8,7 @@ use schemas::{Stamp, metadata};
 use serde::Serialize;
 
 use super::sheet::Sheet;
-use super::{CardError, Redaction, issues};
+use super::{CardError, issues};
 use crate::OutputFolder;
 use crate::export::{ExportError, ExportOptions, ExportReport, Format, Item, Kind, Layout, Source};
 use crate::log::{CheckReport, Log};
@@ -62,8 +62,10 @@ pub struct LogStatistics {
     pub sync: Option<SyncQuality>,
     /// What `pslam check` found, drop ledger included.
     pub known_issues: Vec<String>,
-    /// Redactions, oldest first.
-    pub redactions: Vec<Redaction>,
+    /// The audit record of `pslam redact`.
+    pub redaction: Option<BTreeMap<String, String>>,
+    /// What was done to the log since it was first written, oldest first.
+    pub edits: Vec<String>,
     /// The contact sheet's file.
     pub contact_sheet: String,
     /// The log's own words on frames and units.
@@ -164,7 +166,8 @@ pub(super) fn of(
         classes: tally.classes(&log),
         sync: sync(&log),
         known_issues: issues::known(findings),
-        redactions: issues::redactions(&log),
+        redaction: issues::redaction(&log),
+        edits: issues::edits(&log),
         contact_sheet,
         conventions: conventions(&log),
         rows: timeline.frames().iter().map(row).collect(),
