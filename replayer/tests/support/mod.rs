@@ -99,7 +99,7 @@ fn mask(frame: usize) -> Mask {
         width: 8,
         height: 9,
         area: 72,
-        is_crowd: frame % 2 == 0,
+        is_crowd: frame.is_multiple_of(2),
     };
     Mask { class, instance, segments: vec![wall, person] }
 }
