@@ -31,6 +31,7 @@
 mod compare;
 mod live;
 #[path = "../../tests/realsense_support/log.rs"]
+#[allow(clippy::unwrap_used, reason = "a test's support: it fails by panicking")]
 mod log;
 mod plan;
 mod sensors;

@@ -8,7 +8,7 @@ use recorder::realsense::{
     Format, Frame, FrameHeader, Motion, Sample, SoftwareSpec, StreamId, StreamKind, TimestampDomain, VideoMode,
     metadata,
 };
-use slam_math::Se3;
+use slam_math::{Se3, float};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -80,7 +80,8 @@ impl Rig {
             let camera = camera(mode, focal);
             World::new(&WorldConfig { camera, frame_rate_hz: mode.rate_hz, frame_count, ..base.clone() })
         };
-        let turn = (plan.seconds.min(RENDERED_S) * f64::from(mode.rate_hz)).ceil().max(1.0) as u32;
+        let shown_s = float::min(plan.seconds, RENDERED_S);
+        let turn = ((shown_s * f64::from(mode.rate_hz)).ceil() as u32).max(1);
         Ok(Self {
             color: world(0.73)?,
             depth: world(0.53)?,

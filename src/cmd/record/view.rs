@@ -26,11 +26,19 @@ const WIDTH: u32 = 320;
 /// Depths shown by the ends of the colours, metres.
 const RANGE_M: [f32; 2] = [0.2, 5.0];
 
+/// A marker body that is seen: metres and quaternion x y z w in the motion capture's world.
+#[derive(Debug)]
+struct Body {
+    name: String,
+    translation: [f64; 3],
+    rotation: [f64; 4],
+}
+
 /// What waits for the preview's thread: the newest of each stream.
 #[derive(Debug, Default)]
 struct Waiting {
     pictures: BTreeMap<Stream, (Stamp, Arc<Frame>)>,
-    bodies: Option<(Stamp, Vec<(String, [f64; 3], [f64; 4])>)>,
+    bodies: Option<(Stamp, Vec<Body>)>,
     /// Stamp of the last of each stream that was taken; of the motion capture too.
     taken: BTreeMap<Stream, Stamp>,
 }
@@ -79,7 +87,8 @@ impl Onlooker for Shared {
         self.offer(Stream::Mocap, stamp, MOCAP_NS, |waiting| {
             let seen = frame.bodies.iter().filter_map(|body| {
                 let pose = body.world_from_segment?;
-                Some((body.subject.clone(), pose.translation.into(), pose.quaternion_xyzw()))
+                let (translation, rotation) = (pose.translation.into(), pose.quaternion_xyzw());
+                Some(Body { name: body.subject.clone(), translation, rotation })
             });
             waiting.bodies.replace((stamp, seen.collect())).is_some()
         });
@@ -233,8 +242,8 @@ fn show_picture(viewer: &LiveViewer, stream: Stream, stamp: Stamp, frame: &Frame
     Ok(viewer.log("/camera/color", at, &image)?)
 }
 
-fn show_bodies(viewer: &LiveViewer, stamp: Stamp, bodies: &[(String, [f64; 3], [f64; 4])]) -> anyhow::Result<()> {
-    for (name, translation, rotation) in bodies {
+fn show_bodies(viewer: &LiveViewer, stamp: Stamp, bodies: &[Body]) -> anyhow::Result<()> {
+    for Body { name, translation, rotation } in bodies {
         let entity = format!("/mocap/{}", name.replace('/', "_"));
         let (at, labels) = (At::Time(stamp.0), [name.clone()]);
         let pose = Transform { translation: *translation, rotation: Rotation::Quaternion(*rotation) };
