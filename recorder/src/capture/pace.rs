@@ -94,13 +94,14 @@ mod tests {
             let Sample::Motion(motion) = sample else { panic!() };
             motion.header.arrival.monotonic_ns / 1_000_000
         };
+        // The looks around a sample take up to three milliseconds.
         let first = arrival_ms(1.7e12);
-        assert!((30..36).contains(&(arrival_ms(1.7e12 + 30.0) - first)));
-        assert!((30..40).contains(&(arrival_ms(1.7e12 + 25.0) - first)), "another stream, a little behind");
-        assert!((50..60).contains(&(arrival_ms(1.7e12 + 50.0) - first)));
+        assert!((28..36).contains(&(arrival_ms(1.7e12 + 30.0) - first)));
+        assert!((28..40).contains(&(arrival_ms(1.7e12 + 25.0) - first)), "another stream, a little behind");
+        assert!((48..60).contains(&(arrival_ms(1.7e12 + 50.0) - first)));
         let reset = arrival_ms(7.0);
         assert!(reset - first < 70, "a clock that was set anew is not waited for");
-        assert!((20..26).contains(&(arrival_ms(27.0) - reset)));
+        assert!((18..26).contains(&(arrival_ms(27.0) - reset)));
         assert!(arrival_ms(f64::NAN) - reset < 40);
     }
 }
