@@ -1,7 +1,7 @@
 //! Logs as folders that other programs read, and nothing re-encoded that need not be.
 //!
-//! An export is two passes over the log: the first one opens and checks it, the second one hands each [`Item`] to the
-//! format's [`Layout`], so memory does not grow with the log. What a format cannot hold is counted by topic in the
+//! An export is two passes over the log: the first one opens and checks it, the second one hands each thing in it to the
+//! format's layout, so memory does not grow with the log. What a format cannot hold is counted by topic in the
 //! report, which also stands in the folder as [`REPORT`]. `pslam import` reads every format back.
 
 mod coco;
