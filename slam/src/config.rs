@@ -258,6 +258,8 @@ sections! {
         rule: Rule,
         /// Names of the categories that are filtered a priori.
         people_names: Vec<String>,
+        /// Stuff, Things and unknown areas share the keypoints by their area; people get none.
+        share_keypoints: bool,
         /// Short-term association.
         association: AssociationConfig,
         /// The paper's epipolar rule, and the recorded epipolar residuals.
@@ -375,6 +377,8 @@ impl Config {
             "people+unknown" => (true, false, true),
             _ => return Err(ConfigError::Preset { name: name.into(), known: PRESETS.join(", ") }),
         };
+        // Neither the paper's extractor nor one without a filter knows of labels.
+        p.share_keypoints = !matches!(name, "none" | "paper");
         if name == "paper" {
             p.rule = Rule::Paper;
             p.epipolar.radius_px = 0.0;

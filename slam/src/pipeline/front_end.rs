@@ -2,9 +2,10 @@
 
 use std::sync::Arc;
 
-use slam_vision::{OrbExtractor, StereoOptions, Workspace};
+use slam_vision::{OrbExtractor, Parts, StereoOptions, Workspace};
 
 use super::SlamError;
+use super::shares::LabelShares;
 use crate::config::Config;
 use crate::context::Context;
 use crate::input::{FrameInput, Sensor, Setup};
@@ -51,14 +52,23 @@ impl FrontEnd {
         if let Some(mask) = &input.panoptic {
             self.check_size(input, "panoptic mask", mask.width, mask.height, mask.ids.len())?;
         }
+        let mask = input.panoptic.as_deref().filter(|_| self.ctx.config.panoptic.share_keypoints);
+        Ok(match mask.map(|mask| LabelShares::new(&self.ctx, mask)) {
+            Some(shares) => shares.with(|parts| self.extract(input, Some(parts), workspace)),
+            None => self.extract(input, None, workspace),
+        })
+    }
+
+    fn extract(&self, input: &FrameInput, parts: Option<&Parts<'_>>, workspace: &mut Workspace) -> Observation {
         let camera = &self.ctx.camera;
         let (Sensor::Stereo { bf }, Some(right)) = (self.ctx.sensor, &input.right) else {
-            let features = self.extractor.extract_with(&input.gray, workspace);
-            return Ok(Observation::new(features, input, camera, &self.ctx.config.sensor));
+            let features = self.extractor.extract_with(&input.gray, parts, workspace);
+            return Observation::new(features, input, camera, &self.ctx.config.sensor);
         };
-        let (features, disparity) = self.extractor.extract_pair(gray, right, &self.stereo_options(), workspace);
+        let options = self.stereo_options();
+        let (features, disparity) = self.extractor.extract_pair(&input.gray, right, parts, &options, workspace);
         let depth_m = disparity.iter().map(|d| d.map_or(0.0, |d| bf / d)).collect();
-        Ok(Observation::with_depth(features, depth_m, input.panoptic.as_deref(), camera))
+        Observation::with_depth(features, depth_m, input.panoptic.as_deref(), camera)
     }
 
     fn stereo_options(&self) -> StereoOptions {

@@ -7,6 +7,7 @@ mod locate;
 mod loops;
 mod record;
 mod schedule;
+mod shares;
 mod start;
 mod state;
 mod step;

@@ -23,7 +23,7 @@ fn extract_640x480_1000_features(bencher: Bencher<'_, '_>, wide: bool) {
     let kernels = if wide { Kernels::detect() } else { Kernels::scalar() };
     let extractor = OrbExtractor::with_kernels(&OrbConfig::default(), kernels).unwrap();
     let (image, mut workspace) = (collage(640, 480), Workspace::default());
-    bencher.bench_local(|| extractor.extract_with(black_box(&image), &mut workspace));
+    bencher.bench_local(|| extractor.extract_with(black_box(&image), None, &mut workspace));
 }
 
 /// Does nothing when the shared recordings are absent.
@@ -32,7 +32,7 @@ fn extract_recorded_640x480(bencher: Bencher<'_, '_>) {
     let extractor = OrbExtractor::new(&OrbConfig::default()).unwrap();
     let mut workspace = Workspace::default();
     if let Some(image) = recorded_frames("kitchen_static", 0, 1_000_000).first() {
-        bencher.bench_local(|| extractor.extract_with(black_box(image), &mut workspace));
+        bencher.bench_local(|| extractor.extract_with(black_box(image), None, &mut workspace));
     }
 }
 

@@ -17,7 +17,7 @@
 //! let extractor = OrbExtractor::new(&OrbConfig { features: 300, ..OrbConfig::default() })?;
 //! let mut workspace = Workspace::default();
 //! let rgb: Vec<u8> = (0..200 * 150 * 3u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
-//! let features = extractor.extract_with(&gray_from_rgb(&rgb, 200, 150)?, &mut workspace);
+//! let features = extractor.extract_with(&gray_from_rgb(&rgb, 200, 150)?, None, &mut workspace);
 //! assert_eq!(features.pixel.len(), features.descriptor.len());
 //! # Ok::<(), slam_vision::VisionError>(())
 //! ```
@@ -41,7 +41,7 @@ pub use error::VisionError;
 pub use grid::KeypointGrid;
 pub use image::{GrayImage, Image, gray_from_rgb};
 pub use kernels::Kernels;
-pub use orb::{Features, OrbConfig, OrbExtractor, Workspace};
+pub use orb::{Features, OrbConfig, OrbExtractor, Parts, Workspace};
 pub use place::PlaceIndex;
 pub use places::Places;
 pub use rectify::Rectifier;

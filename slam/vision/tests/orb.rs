@@ -43,7 +43,7 @@ fn kernels_and_workspace_never_change_a_feature() {
     for (width, height) in [(640, 480), (333, 251), (39, 39), (40, 200), (161, 47), (640, 480)] {
         for image in [collage(width, height), noise(width, height, 5)] {
             let fresh = extractor().extract(&image);
-            assert_eq!(fresh, extractor().extract_with(&image, &mut workspace), "{width} x {height}, workspace");
+            assert_eq!(fresh, extractor().extract_with(&image, None, &mut workspace), "{width} x {height}, workspace");
             assert_eq!(fresh, scalar.extract(&image), "{width} x {height}, kernels");
         }
     }

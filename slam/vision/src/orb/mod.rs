@@ -49,6 +49,15 @@ impl Features {
     }
 }
 
+/// Parts of an image that share its keypoints in proportion to their area, so that a strongly textured one does not take
+/// those of another.
+pub struct Parts<'a> {
+    /// The part of a pixel, an index into `shares`; `None` where keypoints are of no use.
+    pub of_pixel: &'a dyn Fn([f32; 2]) -> Option<usize>,
+    /// Share of the image that each part covers, 0 to 1.
+    pub shares: &'a [f64],
+}
+
 /// Buffers that [`OrbExtractor::extract_with`] reuses from frame to frame. Never changes a result.
 #[derive(Debug, Clone, Default)]
 pub struct Workspace {
@@ -56,6 +65,8 @@ pub struct Workspace {
     scores: Vec<u8>,
     peaks: Vec<u8>,
     corners: Vec<Corner>,
+    /// The corners of each part.
+    groups: Vec<Vec<Corner>>,
     blurred: Vec<u8>,
     padded_row: Vec<u8>,
     centers: Vec<usize>,
@@ -103,12 +114,12 @@ impl OrbExtractor {
     /// Panics when `gray.data` does not hold `width * height` values.
     #[must_use]
     pub fn extract(&self, gray: &GrayImage) -> Features {
-        self.extract_with(gray, &mut Workspace::default())
+        self.extract_with(gray, None, &mut Workspace::default())
     }
 
-    /// [`OrbExtractor::extract`] with buffers kept from earlier frames.
+    /// [`OrbExtractor::extract`] with keypoints shared among the parts of the image, and buffers kept from earlier frames.
     #[must_use]
-    pub fn extract_with(&self, gray: &GrayImage, workspace: &mut Workspace) -> Features {
+    pub fn extract_with(&self, gray: &GrayImage, parts: Option<&Parts<'_>>, workspace: &mut Workspace) -> Features {
         assert_eq!(gray.data.len(), gray.width * gray.height, "pixels of a {} x {} image", gray.width, gray.height);
         let mut pyramid = std::mem::take(&mut workspace.pyramid);
         let mut features = Features::default();
@@ -117,12 +128,15 @@ impl OrbExtractor {
             if level.width <= 2 * PATCH_MARGIN || level.height <= 2 * PATCH_MARGIN {
                 break;
             }
-            self.find(level, self.quotas[octave], workspace);
-            self.describe(level, workspace, &mut features);
             let ratio = [(gray.width, level.width), (gray.height, level.height)].map(|(a, b)| a as f64 / b as f64);
+            let to_base = |corner: &Corner| {
+                let along = |value: u32, ratio: f64| ((f64::from(value) + 0.5) * ratio - 0.5) as f32;
+                [along(corner.x, ratio[0]), along(corner.y, ratio[1])]
+            };
+            self.find(level, self.quotas[octave], parts, to_base, workspace);
+            self.describe(level, workspace, &mut features);
             for corner in &workspace.corners {
-                let to_base = |value: u32, ratio: f64| ((f64::from(value) + 0.5) * ratio - 0.5) as f32;
-                features.pixel.push([to_base(corner.x, ratio[0]), to_base(corner.y, ratio[1])]);
+                features.pixel.push(to_base(corner));
                 features.octave.push(octave as u8);
                 features.response.push(corner.score);
             }
@@ -132,7 +146,7 @@ impl OrbExtractor {
     }
 
     /// Features of the left picture of a rectified pair, and the disparity of each, pixels of the picture: by how much the
-    /// same thing lies farther left in the right picture. `None` without a sure match.
+    /// same thing lies farther left in the right picture. `None` without a sure match. `parts` are those of the left picture.
     ///
     /// Panics when a picture does not hold `width * height` values or the two differ in size.
     #[must_use]
@@ -140,13 +154,14 @@ impl OrbExtractor {
         &self,
         left: &GrayImage,
         right: &GrayImage,
+        parts: Option<&Parts<'_>>,
         options: &StereoOptions,
         workspace: &mut Workspace,
     ) -> (Features, Vec<Option<f64>>) {
         assert_eq!((left.width, left.height), (right.width, right.height), "a rectified pair has one size");
-        let in_left = self.extract_with(left, workspace);
+        let in_left = self.extract_with(left, parts, workspace);
         std::mem::swap(&mut workspace.pyramid, &mut workspace.left_pyramid);
-        let in_right = self.extract_with(right, workspace);
+        let in_right = self.extract_with(right, None, workspace);
         let left = stereo::View { features: &in_left, image: left, pyramid: &workspace.left_pyramid };
         let right = stereo::View { features: &in_right, image: right, pyramid: &workspace.pyramid };
         let disparity = stereo::match_rows(&left, &right, &self.scales, options);
@@ -154,10 +169,34 @@ impl OrbExtractor {
     }
 
     /// Leaves the corners of a level, at most `quota`, in `workspace.corners`.
-    fn find(&self, level: &GrayImage, quota: usize, workspace: &mut Workspace) {
+    fn find(
+        &self,
+        level: &GrayImage,
+        quota: usize,
+        parts: Option<&Parts<'_>>,
+        to_base: impl Fn(&Corner) -> [f32; 2],
+        workspace: &mut Workspace,
+    ) {
         corners::score(self.kernels, level, &self.config, &mut workspace.scores);
         corners::local_maxima(self.kernels, &workspace.scores, level, &mut workspace.peaks, &mut workspace.corners);
-        spread::spread(&mut workspace.corners, level.width, level.height, quota);
+        let Some(parts) = parts else {
+            spread::spread(&mut workspace.corners, level.width, level.height, quota);
+            return;
+        };
+        let groups = &mut workspace.groups;
+        groups.resize(parts.shares.len(), Vec::new());
+        groups.iter_mut().for_each(Vec::clear);
+        for corner in workspace.corners.drain(..) {
+            if let Some(part) = (parts.of_pixel)(to_base(&corner)) {
+                groups[part].push(corner);
+            }
+        }
+        let counts: Vec<usize> = groups.iter().map(Vec::len).collect();
+        for (group, quota) in groups.iter_mut().zip(spread::share_out(quota, &counts, parts.shares)) {
+            spread::spread(group, level.width, level.height, quota);
+            workspace.corners.append(group);
+        }
+        workspace.corners.sort_unstable_by_key(|corner| (corner.y, corner.x));
     }
 
     /// Appends direction and descriptor of every corner in `workspace.corners`.

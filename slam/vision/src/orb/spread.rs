@@ -59,6 +59,36 @@ pub(super) fn spread(corners: &mut Vec<Corner>, width: usize, height: usize, quo
     corners.sort_unstable_by_key(|corner| (corner.y, corner.x));
 }
 
+/// Shares `quota` among groups of `counts` corners in proportion to `shares` (0 to 1). What a group cannot use goes to the
+/// others; the last of them takes what rounding leaves.
+pub(super) fn share_out(quota: usize, counts: &[usize], shares: &[f64]) -> Vec<usize> {
+    let mut given = vec![0; counts.len()];
+    let mut waiting: Vec<usize> = (0..counts.len()).filter(|group| counts[*group] > 0).collect();
+    let mut left = quota;
+    while !waiting.is_empty() {
+        let total: f64 = waiting.iter().map(|group| shares[*group]).sum();
+        // Groups without any area (all shares 0) are as good as each other.
+        let part = |group: usize| if total > 0.0 { shares[group] / total } else { 1.0 / waiting.len() as f64 };
+        let fair: Vec<usize> = waiting.iter().map(|group| (left as f64 * part(*group)).round() as usize).collect();
+        let (poor, rich): (Vec<_>, Vec<_>) = waiting.iter().zip(&fair).partition(|(group, fair)| counts[**group] <= **fair);
+        if poor.is_empty() {
+            for (group, fair) in rich {
+                given[*group] = (*fair).min(left);
+                left -= given[*group];
+            }
+            let last = waiting[waiting.len() - 1];
+            given[last] = (given[last] + left).min(counts[last]);
+            break;
+        }
+        for (group, _) in &poor {
+            given[**group] = counts[**group].min(left);
+            left -= given[**group];
+        }
+        waiting = rich.into_iter().map(|(group, _)| *group).collect();
+    }
+    given
+}
+
 /// Total order: the score, then the upper, then the left corner.
 fn strength(corner: &Corner) -> (u8, Reverse<u32>, Reverse<u32>) {
     (corner.score, Reverse(corner.y), Reverse(corner.x))
@@ -136,6 +166,21 @@ mod tests {
                 assert_eq!(kept.len(), quota.min(all.len()), "{width} x {height}, quota {quota}");
                 assert!(kept.iter().all(|corner| all.contains(corner)));
             }
+        }
+    }
+
+    #[test]
+    fn a_quota_is_shared_by_area_and_what_one_group_lacks_goes_to_the_others() {
+        assert_eq!(share_out(100, &[500, 500], &[0.3, 0.7]), [30, 70]);
+        assert_eq!(share_out(100, &[10, 500], &[0.3, 0.7]), [10, 90]);
+        assert_eq!(share_out(100, &[10, 20, 500], &[0.6, 0.3, 0.1]), [10, 20, 70]);
+        assert_eq!(share_out(100, &[10, 20], &[0.5, 0.5]), [10, 20], "all there is");
+        assert_eq!(share_out(7, &[50, 50], &[0.0, 0.0]).iter().sum::<usize>(), 7);
+        assert_eq!(share_out(100, &[0, 0], &[0.5, 0.5]), [0, 0]);
+        for quota in 0..40 {
+            let given = share_out(quota, &[9, 9, 9], &[0.31, 0.33, 0.36]);
+            assert_eq!(given.iter().sum::<usize>(), quota.min(27), "{given:?}");
+            assert!(given.iter().all(|n| *n <= 9));
         }
     }
 
