@@ -4,7 +4,8 @@ use super::Work;
 use super::step::Step;
 use crate::map::MapEdit;
 use crate::panoptic::FrameFilter;
-use crate::tracking::{LocalMap, relocalize, track_local_map, track_motion_model, track_reference};
+use crate::report::KeypointClass;
+use crate::tracking::{LocalMap, refine_pose, relocalize, track_local_map, track_motion_model, track_reference};
 
 impl Step<'_> {
     /// The usual frame: prediction, judgement, local map.
@@ -14,8 +15,22 @@ impl Step<'_> {
         if found < self.ctx.config.tracking.min_step_inliers {
             return false;
         }
+        self.settle_on_stuff(filter);
         self.judge(filter);
         self.track_local()
+    }
+
+    /// Lets Stuff alone decide about the pose under which motion is judged, where there is enough of it (as in the paper,
+    /// whose F comes from Stuff): an object that stood still and starts to move must not take the camera along.
+    fn settle_on_stuff(&mut self, filter: &FrameFilter) {
+        let mut stuff = self.frame.clone();
+        for (point, class) in stuff.points.iter_mut().zip(&filter.class) {
+            *point = point.filter(|_| *class == KeypointClass::Stuff);
+        }
+        let needed = self.ctx.config.tracking.min_inliers;
+        if stuff.match_count() >= needed && refine_pose(&self.ctx, &self.slam.map, &mut stuff) >= needed {
+            self.frame.camera_from_world = stuff.camera_from_world;
+        }
     }
 
     fn predict(&mut self) -> u32 {
@@ -60,6 +75,16 @@ impl Step<'_> {
             self.slam.tracker.relocalized_at.is_some_and(|at| self.frame.id.0 - at.0 < t.recent_relocalization_frames);
         let needed = if recent { t.min_inliers_after_relocalization } else { t.min_inliers };
         let ok = self.counts.inliers >= needed;
+        if let Some(d) = self.input.depth.as_deref() {
+            let (mut near, mut same, mut far, mut none) = (0, 0, 0, 0);
+            for (_, px, z) in &local.in_view {
+                match d.metres(px[0].round() as i64, px[1].round() as i64) {
+                    None => none += 1,
+                    Some(m) => { let t = 0.04 + 4.0 * self.ctx.depth_sigma(*z); if m < z - t { near += 1 } else if m > z + t { far += 1 } else { same += 1 } }
+                }
+            }
+            eprintln!("VIS {} inview {} near {near} same {same} far {far} none {none} matched {} inl {}", self.frame.id.0, local.in_view.len(), self.counts.local_matches, self.counts.inliers);
+        }
         if ok {
             let reference = local.reference.unwrap_or(self.frame.reference);
             self.frame.refer_to(reference, &self.slam.map);
