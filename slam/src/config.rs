@@ -2,6 +2,7 @@
 //! file overrides single keys, unknown keys are refused.
 
 use serde::{Deserialize, Serialize};
+use slam_math::float;
 use slam_vision::OrbConfig;
 
 /// The defaults with their documentation, as `pslam config` prints them.
@@ -134,6 +135,8 @@ sections! {
         tracked_share_start: f64,
         /// Close points tracked below which a keyframe is due ...
         min_close_tracked: u32,
+        /// ... or share of the close keypoints that are tracked ...
+        min_close_share: f64,
         /// ... if so many close ones could be added.
         min_close_untracked: u32,
         /// Points made from depth in a new keyframe at least.
@@ -190,6 +193,10 @@ sections! {
         min_inliers: u32,
         /// Frames lost with a usable picture before a new map is started.
         frames_before_new_map: u32,
+        /// Share of the points that should be visible that must be inliers.
+        min_found_share: f64,
+        /// Frames that must be tracked after it before one becomes a keyframe.
+        frames_before_keyframe: u32,
     }
 
     /// Loops and the joining of maps.
@@ -306,8 +313,10 @@ sections! {
         moved_sigmas: f64,
         /// Search radius for keypoint matches in older frames, pixels.
         search_px: f64,
-        /// Share of tested keypoints that moved from which a region moves.
-        moved_share: f64,
+        /// Share of the tested keypoints of a static region that seem to have moved.
+        false_moved_share: f64,
+        /// Standard deviations above that share from which a region moves.
+        moved_confidence: f64,
         /// Moved keypoints needed.
         min_moved: u32,
         /// Frames with static evidence that confirm a new region.
@@ -331,6 +340,16 @@ pub enum Rule {
     Paper,
     /// 3-D residuals and free space under the camera's motion, per region with hysteresis.
     Geometric,
+}
+
+impl MotionConfig {
+    /// Number of moved keypoints among `keypoints` that false matches do not explain, when `around` is the share that seems
+    /// to have moved of what surely stands still.
+    #[must_use]
+    pub fn too_many_moved(&self, keypoints: u32, around: f64) -> f64 {
+        let (n, p) = (f64::from(keypoints), float::max(self.false_moved_share, around));
+        n * p + self.moved_confidence * (n * p * (1.0 - p)).sqrt()
+    }
 }
 
 impl Default for Config {

@@ -20,6 +20,10 @@ const SAMPLE_STRIDE: usize = 2;
 const WINDOW: i64 = 2;
 /// Localisation noise of a keypoint at level 0, pixels (0.3-1 px by slam-anatomy, section 12.2).
 pub(super) const KEYPOINT_SIGMA_PX: f64 = 0.7;
+/// Every so manyth keypoint on Stuff is searched too, to see how many seem to move that do not.
+const STUFF_STRIDE: usize = 4;
+/// Keypoints on Stuff found again that tell more than the configured share.
+const MIN_STUFF_KEYPOINTS: u32 = 20;
 /// Samples that must agree with an older frame for a static vote, as a share of those tested.
 const CONSISTENT_SHARE: f64 = 0.5;
 
@@ -46,6 +50,13 @@ pub struct Count {
     pub keypoints: u32,
     /// Keypoints found elsewhere than the static world would have them.
     pub moved: u32,
+}
+
+impl Count {
+    /// Share of the keypoints that moved; 0 where so few were found that it means nothing.
+    fn moved_share(&self) -> f64 {
+        if self.keypoints < MIN_STUFF_KEYPOINTS { 0.0 } else { f64::from(self.moved) / f64::from(self.keypoints) }
+    }
 }
 
 /// Evidence about a region: a count per compared frame, youngest first.
@@ -76,20 +87,20 @@ impl Evidence {
             .fold(0.0, |largest, (part, whole)| float::max(largest, f64::from(part) / f64::from(whole)))
     }
 
-    /// What these counts say. With depth images the oldest frame must agree, since slow motion shows there first; few
+    /// What these counts say, `stuff` being those of the surroundings. With depth images the oldest frame must agree, since slow motion shows there first; few
     /// keypoints are found again after so long, so without them it is the oldest frame with enough of those.
-    pub(super) fn vote(&self, config: &MotionConfig, by_keypoints: bool) -> Vote {
+    pub(super) fn vote(&self, config: &MotionConfig, stuff: &Self, by_keypoints: bool) -> Vote {
         let in_free_space = |c: &Count| {
             c.free >= config.min_samples && f64::from(c.free) >= config.free_space_share * f64::from(c.samples)
         };
-        let moved = |c: &Count| {
-            c.moved >= config.min_moved && f64::from(c.moved) >= config.moved_share * f64::from(c.keypoints)
+        let moved = |(c, stuff): (&Count, &Count)| {
+            c.moved >= config.min_moved && f64::from(c.moved) >= config.too_many_moved(c.keypoints, stuff.moved_share())
         };
         let same = |c: &Count| {
             c.samples >= config.min_samples && f64::from(c.consistent) >= CONSISTENT_SHARE * f64::from(c.samples)
         };
         let enough = |c: &&Count| !by_keypoints || c.samples >= config.min_samples;
-        if self.counts.iter().any(|c| in_free_space(c) || moved(c)) {
+        if self.counts.iter().any(in_free_space) || self.counts.iter().zip(&stuff.counts).any(moved) {
             Vote::Dynamic
         } else if self.counts.iter().rev().find(enough).is_some_and(same) {
             Vote::Static
@@ -101,7 +112,7 @@ impl Evidence {
 
 /// Fills `frame.evidence` and `frame.motion_sigmas`.
 pub(super) fn gather(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame: &mut FrameFilter) {
-    for evidence in &mut frame.evidence {
+    for evidence in frame.evidence.iter_mut().chain([&mut frame.stuff]) {
         evidence.counts = vec![Count::default(); older.len()];
     }
     if let Some(depth) = now.depth {
@@ -111,7 +122,14 @@ pub(super) fn gather(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame:
     let by_depth = ctx.sensor == Sensor::Rgbd;
     let mut nearby = Vec::new();
     for i in 0..now.obs.len() {
-        let Some(region) = frame.region[i].filter(|_| frame.class[i] != KeypointClass::Person) else { continue };
+        let is_searched = match frame.class[i] {
+            KeypointClass::Person => false,
+            KeypointClass::Stuff => i.is_multiple_of(STUFF_STRIDE) && frame.verdict[i] == Verdict::Static,
+            KeypointClass::Thing | KeypointClass::Unknown => frame.region[i].is_some(),
+        };
+        if !is_searched {
+            continue;
+        }
         // Depth of a stereo camera is good where it is close.
         let depth = now.obs.depth(i).filter(|z| by_depth || *z < ctx.close_m);
         let in_world = depth.map(|z| world_from_camera.transform(&ctx.camera.unproject(now.obs.pixel[i], z)));
@@ -125,7 +143,8 @@ pub(super) fn gather(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame:
             };
             let Some(sigmas) = sigmas else { continue };
             frame.motion_sigmas[i] = sigmas;
-            let count = &mut frame.evidence[region].counts[age];
+            let evidence = frame.region[i].map_or(&mut frame.stuff, |region| &mut frame.evidence[region]);
+            let count = &mut evidence.counts[age];
             let moved = u32::from(sigmas > ctx.config.panoptic.motion.moved_sigmas);
             (count.keypoints, count.moved) = (count.keypoints + 1, count.moved + moved);
             if !by_depth {

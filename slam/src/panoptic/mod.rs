@@ -82,6 +82,8 @@ pub struct FrameFilter {
     pub tracks: Vec<Track>,
     /// Evidence of each region.
     pub evidence: Vec<Evidence>,
+    /// The same counts for keypoints on Stuff: what false matches and a poor pose make of things that stand still.
+    pub stuff: Evidence,
     /// What each cell is or was a moment ago.
     pub memory: Vec<CellMemory>,
     /// Two-view geometry with the last frame.
@@ -91,6 +93,13 @@ pub struct FrameFilter {
 }
 
 impl FrameFilter {
+    /// What is known about the region at a pixel (as recorded); `None` on background and outside the picture.
+    #[must_use]
+    pub fn state_at(&self, raw_pixel: [f64; 2]) -> Option<RegionState> {
+        let region = self.regions.cell[self.regions.cell_at(raw_pixel)?];
+        self.tracks.get(usize::from(region)).map(|track| track.state)
+    }
+
     /// Keypoints that tracking may use, and how they were chosen: static ones; if those are fewer than
     /// `tracking.min_static_keypoints`, unconfirmed ones too; if that is still not enough, all but people and movers.
     #[must_use]
@@ -115,6 +124,8 @@ pub struct PanopticFilter {
     history: VecDeque<Remembered>,
     last: Option<LastRegions>,
     next_track: u32,
+    /// Frames in a row without a pose, in which no motion could be judged.
+    blind_frames: u32,
 }
 
 /// Regions of the last frame, for association.
@@ -140,6 +151,7 @@ impl PanopticFilter {
             verdict: vec![Verdict::Static; n],
             motion_sigmas: vec![f64::NAN; n],
             evidence: vec![Evidence::default(); regions.list.len()],
+            stuff: Evidence::default(),
             regions,
             tracks,
             memory,
@@ -178,7 +190,7 @@ impl PanopticFilter {
         evidence::gather(ctx, &now, &older, frame);
         let by_keypoints = ctx.sensor != Sensor::Rgbd;
         for (track, evidence) in frame.tracks.iter_mut().zip(&frame.evidence) {
-            track.update(&ctx.config.panoptic.motion, evidence.vote(&ctx.config.panoptic.motion, by_keypoints));
+            track.update(&ctx.config.panoptic.motion, evidence.vote(&ctx.config.panoptic.motion, &frame.stuff, by_keypoints));
         }
         frame.memory = self.remembered(ctx, &frame.regions, &frame.tracks);
         verdict::decide(ctx, obs, frame);
@@ -201,8 +213,10 @@ impl PanopticFilter {
         });
         let Some(pose) = pose else {
             self.history.clear();
+            self.go_blind(ctx);
             return;
         };
+        self.blind_frames = 0;
         let track = frame.region.iter().map(|r| r.map(|r| frame.tracks[r].id)).collect();
         self.history.push_back(Remembered {
             id: input.id,
@@ -216,6 +230,20 @@ impl PanopticFilter {
         while self.history.len() > oldest {
             self.history.pop_front();
         }
+    }
+
+    /// What nothing can confirm any more is forgotten: after as many frames as a mover needs to come back, everything but
+    /// people is new again.
+    fn go_blind(&mut self, ctx: &Context) {
+        self.blind_frames += 1;
+        let Some(last) = self.last.as_mut().filter(|_| self.blind_frames >= ctx.config.panoptic.motion.readmit_frames)
+        else {
+            return;
+        };
+        for track in last.tracks.iter_mut().filter(|track| track.state != RegionState::Person) {
+            *track = Track { state: RegionState::New, static_streak: 0, dynamic_streak: 0, ..*track };
+        }
+        last.memory.fill(CellMemory::default());
     }
 
     /// The world has got a new frame: moves the remembered poses into it.

@@ -5,7 +5,7 @@ use crate::input::FrameInput;
 use crate::map::MapEdit;
 use crate::mapping::Editor;
 use crate::observation::round_to_pixel;
-use crate::panoptic::{FrameFilter, NO_REGION};
+use crate::panoptic::FrameFilter;
 use crate::report::RegionState;
 use crate::tracking::{LocalMap, TrackedFrame};
 
@@ -62,8 +62,7 @@ fn is_gone(ctx: &Context, input: &FrameInput, filter: &FrameFilter, pixel: [f64;
     }
     let window = (2 * WINDOW + 1) * (2 * WINDOW + 1);
     let seen_through = measured * 2 > window && farther == measured;
-    let cell = filter.regions.cell_at(raw).map(|cell| filter.regions.cell[cell]);
-    let region = cell.filter(|r| *r != NO_REGION).map(|r| filter.tracks[usize::from(r)].state);
-    let on_mover = same * 2 > window && matches!(region, Some(RegionState::Dynamic | RegionState::Person));
+    let state = filter.state_at(raw);
+    let on_mover = same * 2 > window && matches!(state, Some(RegionState::Dynamic | RegionState::Person));
     seen_through || on_mover
 }

@@ -2,9 +2,14 @@
 
 use super::Work;
 use super::step::Step;
+use slam_math::MapPointId;
+
+use crate::context::Context;
+use crate::input::FrameInput;
 use crate::map::MapEdit;
+use crate::observation::round_to_pixel;
 use crate::panoptic::FrameFilter;
-use crate::report::KeypointClass;
+use crate::report::{KeypointClass, RegionState};
 use crate::tracking::{LocalMap, refine_pose, relocalize, track_local_map, track_motion_model, track_reference};
 
 impl Step<'_> {
@@ -75,16 +80,6 @@ impl Step<'_> {
             self.slam.tracker.relocalized_at.is_some_and(|at| self.frame.id.0 - at.0 < t.recent_relocalization_frames);
         let needed = if recent { t.min_inliers_after_relocalization } else { t.min_inliers };
         let ok = self.counts.inliers >= needed;
-        if let Some(d) = self.input.depth.as_deref() {
-            let (mut near, mut same, mut far, mut none) = (0, 0, 0, 0);
-            for (_, px, z) in &local.in_view {
-                match d.metres(px[0].round() as i64, px[1].round() as i64) {
-                    None => none += 1,
-                    Some(m) => { let t = 0.04 + 4.0 * self.ctx.depth_sigma(*z); if m < z - t { near += 1 } else if m > z + t { far += 1 } else { same += 1 } }
-                }
-            }
-            eprintln!("VIS {} inview {} near {near} same {same} far {far} none {none} matched {} inl {}", self.frame.id.0, local.in_view.len(), self.counts.local_matches, self.counts.inliers);
-        }
         if ok {
             let reference = local.reference.unwrap_or(self.frame.reference);
             self.frame.refer_to(reference, &self.slam.map);
@@ -111,7 +106,12 @@ impl Step<'_> {
         let r = &self.ctx.config.relocalization;
         let usable = self.frame.usable.iter().filter(|u| **u).count() as u32;
         self.slam.tracker.lost_usable_frames += u32::from(usable >= r.min_keypoints);
-        let found = relocalize(&self.ctx, &self.slam.map, &self.slam.places, &mut self.frame, |_| true);
+        let (ctx, input) = (&self.ctx, self.input);
+        let expected = |local: &LocalMap| {
+            let should_show = |(_, pixel, z): &&(MapPointId, [f64; 2], f64)| should_show(ctx, input, filter, *pixel, *z);
+            local.in_view.iter().filter(should_show).count()
+        };
+        let found = relocalize(ctx, &self.slam.map, &self.slam.places, &mut self.frame, |_| true, expected);
         self.observer.done(Work::Predict);
         if let Some(found) = found {
             self.judge(filter);
@@ -129,4 +129,18 @@ impl Step<'_> {
         }
         false
     }
+}
+
+/// Whether a point at this pixel and depth would be seen if it were there: nothing stands before it, and it does not lie on
+/// what is filtered.
+fn should_show(ctx: &Context, input: &FrameInput, filter: &FrameFilter, pixel: [f64; 2], z: f64) -> bool {
+    let raw = ctx.camera.distort(pixel);
+    let state = filter.state_at(raw);
+    if matches!(state, Some(RegionState::Person | RegionState::Dynamic)) {
+        return false;
+    }
+    let Some(depth) = input.depth.as_deref() else { return true };
+    let m = &ctx.config.panoptic.motion;
+    let margin = m.free_space_m + m.free_space_sigmas * ctx.depth_sigma(z);
+    depth.metres(round_to_pixel(raw[0]), round_to_pixel(raw[1])).is_some_and(|measured| measured >= z - margin)
 }

@@ -44,6 +44,10 @@ impl Step<'_> {
         if self.new_keyframe.is_some() || !self.slam.schedule.is_idle(JobKind::Mapping) {
             return;
         }
+        let before = self.ctx.config.relocalization.frames_before_keyframe;
+        if self.slam.tracker.relocalized_at.is_some_and(|at| self.frame.id.0 - at.0 < before) {
+            return;
+        }
         let (map, last_keyframe) = (&self.slam.map, self.slam.tracker.last_keyframe);
         if keyframe_needed(&self.ctx, map, &self.frame, self.counts.inliers, last_keyframe).is_none() {
             return;

@@ -38,7 +38,9 @@ pub fn keyframe_needed(
     let is_close = |i: &usize| frame.usable[*i] && frame.obs.depth(*i).is_some_and(|z| z < ctx.close_m);
     let (tracked, untracked): (Vec<usize>, Vec<usize>) =
         (0..frame.obs.len()).filter(is_close).partition(|i| frame.points[*i].is_some());
-    let need_close = tracked.len() < k.min_close_tracked as usize && untracked.len() > k.min_close_untracked as usize;
+    let few_tracked = tracked.len() < k.min_close_tracked as usize
+        || (tracked.len() as f64) < k.min_close_share * (tracked.len() + untracked.len()) as f64;
+    let need_close = few_tracked && untracked.len() > k.min_close_untracked as usize;
 
     let since = frame.id.0.saturating_sub(last_keyframe.0);
     let share = if keyframes < 2 { k.tracked_share_start } else { k.tracked_share };

@@ -26,7 +26,8 @@ pub struct Relocalized {
     pub inliers: u32,
 }
 
-/// Looks for the frame's place among the keyframes that `eligible` admits. On success the frame has pose, matches and
+/// Looks for the frame's place among the keyframes that `eligible` admits; `expected` tells how many points of a place
+/// should be found from the pose there. On success the frame has pose, matches and
 /// reference; otherwise it has no matches.
 pub fn relocalize(
     ctx: &Context,
@@ -34,6 +35,7 @@ pub fn relocalize(
     places: &Places,
     frame: &mut TrackedFrame,
     eligible: impl Fn(&KeyFrame) -> bool,
+    expected: impl Fn(&LocalMap) -> usize,
 ) -> Option<Relocalized> {
     let r = &ctx.config.relocalization;
     let usable = (0..frame.obs.len()).filter(|i| frame.usable[*i]);
@@ -45,7 +47,7 @@ pub fn relocalize(
     let found = places.query(&descriptors, r.candidates * 4, |id, keypoint| map.has_point(KeyFrameId(id), keypoint));
     let candidates = found.iter().filter_map(|(id, _)| map.keyframe(KeyFrameId(*id))).filter(|k| eligible(k));
     for keyframe in candidates.take(r.candidates) {
-        if let Some(inliers) = try_keyframe(ctx, map, keyframe, frame) {
+        if let Some(inliers) = try_keyframe(ctx, map, keyframe, frame, &expected) {
             frame.refer_to(keyframe.id, map);
             return Some(Relocalized { keyframe: keyframe.id, map: keyframe.map, inliers });
         }
@@ -54,7 +56,13 @@ pub fn relocalize(
     None
 }
 
-fn try_keyframe(ctx: &Context, map: &Map, keyframe: &KeyFrame, frame: &mut TrackedFrame) -> Option<u32> {
+fn try_keyframe(
+    ctx: &Context,
+    map: &Map,
+    keyframe: &KeyFrame,
+    frame: &mut TrackedFrame,
+    expected: impl Fn(&LocalMap) -> usize,
+) -> Option<u32> {
     let r = &ctx.config.relocalization;
     let matches = match_descriptors(ctx, keyframe, frame, 0.8);
     let mut rng = Rng::at(ctx.config.seed, frame.id.0, STAGE, keyframe.id.0);
@@ -70,14 +78,16 @@ fn try_keyframe(ctx: &Context, map: &Map, keyframe: &KeyFrame, frame: &mut Track
     frame.reference = keyframe.id;
     // Two rounds: the first pose is rough, so the neighbourhood is searched again around the better one.
     let mut inliers = refine_pose(ctx, map, frame);
+    let mut local = LocalMap::default();
     for _ in 0..2 {
         if inliers < 10 {
             return None;
         }
-        let mut local = LocalMap::around(ctx, map, frame);
+        local = LocalMap::around(ctx, map, frame);
         (_, inliers) = track_local_map(ctx, map, &mut local, frame);
     }
-    (inliers >= r.min_inliers).then_some(inliers)
+    let is_found = inliers >= r.min_inliers && f64::from(inliers) >= r.min_found_share * expected(&local) as f64;
+    is_found.then_some(inliers)
 }
 
 /// A pose, and keypoints with the points that agree with it.
