@@ -317,6 +317,8 @@ sections! {
         false_moved_share: f64,
         /// Standard deviations above that share from which a region moves.
         moved_confidence: f64,
+        /// Consecutive frames in which keypoints alone say so from which a region moves.
+        moved_frames: u32,
         /// Moved keypoints needed.
         min_moved: u32,
         /// Frames with static evidence that confirm a new region.

@@ -44,7 +44,7 @@ impl PanopticFilter {
             track.unwrap_or_else(|| {
                 next += 1;
                 let state = first_state(ctx, &regions.list[i], covered[i]);
-                Track { id: next - 1, state, age: 0, static_streak: 0, dynamic_streak: 0 }
+                Track { id: next - 1, state, age: 0, static_streak: 0, dynamic_streak: 0, moved_streak: 0 }
             })
         };
         let tracks = tracks.into_iter().enumerate().map(start).collect();
@@ -142,8 +142,10 @@ fn inherit(before: &Track, region: &Region) -> Track {
 /// What a frame says about a region.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Vote {
-    /// It moves.
+    /// It stands where free space was.
     Dynamic,
+    /// It stands where a surface was, but many of its keypoints are elsewhere.
+    Moved,
     /// It stands still.
     Static,
     /// Nothing to say.
@@ -158,8 +160,14 @@ impl Track {
         }
         match vote {
             Vote::Dynamic => (self.dynamic_streak, self.static_streak) = (self.dynamic_streak + 1, 0),
-            Vote::Static => (self.dynamic_streak, self.static_streak) = (0, self.static_streak + 1),
+            Vote::Moved => (self.moved_streak, self.static_streak) = (self.moved_streak + 1, 0),
+            Vote::Static => {
+                (self.dynamic_streak, self.moved_streak, self.static_streak) = (0, 0, self.static_streak + 1);
+            }
             Vote::Silent => {}
+        }
+        if self.moved_streak >= config.moved_frames {
+            self.state = RegionState::Dynamic;
         }
         self.state = match self.state {
             RegionState::New if self.dynamic_streak > 0 => RegionState::Dynamic,
@@ -177,7 +185,7 @@ mod tests {
     use crate::config::Config;
 
     fn track(state: RegionState) -> Track {
-        Track { id: 0, state, age: 0, static_streak: 0, dynamic_streak: 0 }
+        Track { id: 0, state, age: 0, static_streak: 0, dynamic_streak: 0, moved_streak: 0 }
     }
 
     /// State after each vote.

@@ -100,8 +100,11 @@ impl Evidence {
             c.samples >= config.min_samples && f64::from(c.consistent) >= CONSISTENT_SHARE * f64::from(c.samples)
         };
         let enough = |c: &&Count| !by_keypoints || c.samples >= config.min_samples;
-        if self.counts.iter().any(in_free_space) || self.counts.iter().zip(&stuff.counts).any(moved) {
+        let has_moved = self.counts.iter().zip(&stuff.counts).any(moved);
+        if self.counts.iter().any(in_free_space) || (has_moved && by_keypoints) {
             Vote::Dynamic
+        } else if has_moved {
+            Vote::Moved
         } else if self.counts.iter().rev().find(enough).is_some_and(same) {
             Vote::Static
         } else {

@@ -63,6 +63,8 @@ pub struct Track {
     pub static_streak: u32,
     /// Consecutive frames with evidence that it moves.
     pub dynamic_streak: u32,
+    /// The same where only keypoints say so.
+    pub moved_streak: u32,
 }
 
 /// Everything the filter knows and decides about one frame.
@@ -190,7 +192,10 @@ impl PanopticFilter {
         evidence::gather(ctx, &now, &older, frame);
         let by_keypoints = ctx.sensor != Sensor::Rgbd;
         for (track, evidence) in frame.tracks.iter_mut().zip(&frame.evidence) {
-            track.update(&ctx.config.panoptic.motion, evidence.vote(&ctx.config.panoptic.motion, &frame.stuff, by_keypoints));
+            track.update(
+                &ctx.config.panoptic.motion,
+                evidence.vote(&ctx.config.panoptic.motion, &frame.stuff, by_keypoints),
+            );
         }
         frame.memory = self.remembered(ctx, &frame.regions, &frame.tracks);
         verdict::decide(ctx, obs, frame);
@@ -241,7 +246,7 @@ impl PanopticFilter {
             return;
         };
         for track in last.tracks.iter_mut().filter(|track| track.state != RegionState::Person) {
-            *track = Track { state: RegionState::New, static_streak: 0, dynamic_streak: 0, ..*track };
+            *track = Track { state: RegionState::New, static_streak: 0, dynamic_streak: 0, moved_streak: 0, ..*track };
         }
         last.memory.fill(CellMemory::default());
     }

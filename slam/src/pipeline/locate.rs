@@ -108,7 +108,8 @@ impl Step<'_> {
         self.slam.tracker.lost_usable_frames += u32::from(usable >= r.min_keypoints);
         let (ctx, input) = (&self.ctx, self.input);
         let expected = |local: &LocalMap| {
-            let should_show = |(_, pixel, z): &&(MapPointId, [f64; 2], f64)| should_show(ctx, input, filter, *pixel, *z);
+            let should_show =
+                |(_, pixel, z): &&(MapPointId, [f64; 2], f64)| should_show(ctx, input, filter, *pixel, *z);
             local.in_view.iter().filter(should_show).count()
         };
         let found = relocalize(ctx, &self.slam.map, &self.slam.places, &mut self.frame, |_| true, expected);

@@ -29,7 +29,7 @@ pub(super) fn regions(filter: &FrameFilter) -> StageRecord {
         }),
         field("tracks", filter.tracks.len(), |w| {
             for t in &filter.tracks {
-                [t.id, t.age, t.static_streak, t.dynamic_streak].iter().for_each(|v| w.u32(*v));
+                [t.id, t.age, t.static_streak, t.dynamic_streak, t.moved_streak].iter().for_each(|v| w.u32(*v));
                 w.u8(t.state as u8);
             }
         }),

@@ -1,7 +1,7 @@
 //! Which keypoints tracking may use when few are static.
 
 use slam::Config;
-use slam::panoptic::{FrameFilter, Regions};
+use slam::panoptic::{Evidence, FrameFilter, Regions};
 use slam::report::{KeypointClass, Selection, Verdict};
 
 use crate::support::context;
@@ -17,6 +17,7 @@ fn frame(verdicts: &[(usize, Verdict)]) -> FrameFilter {
         regions: Regions::default(),
         tracks: Vec::new(),
         evidence: Vec::new(),
+        stuff: Evidence::default(),
         memory: Vec::new(),
         epipolar: None,
         epipolar_px: vec![f64::NAN; n],

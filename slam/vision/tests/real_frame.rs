@@ -33,13 +33,13 @@ fn the_place_index_finds_the_neighbours_of_a_recorded_frame() {
     let mut workspace = Workspace::default();
     let mut index = PlaceIndex::new();
     for (id, gray) in recorded_frames("kitchen_static", 0, 10).iter().enumerate() {
-        let descriptors = extractor.extract_with(gray, &mut workspace).descriptor;
+        let descriptors = extractor.extract_with(gray, None, &mut workspace).descriptor;
         index.add(id as u32, &(0..).zip(descriptors).collect::<Vec<_>>());
     }
     let queries = recorded_frames("kitchen_static", 5, 30);
     let mut misses = 0;
     for (k, gray) in queries.iter().enumerate() {
-        let found = index.query(&extractor.extract_with(gray, &mut workspace).descriptor, 3, |_, _| true);
+        let found = index.query(&extractor.extract_with(gray, None, &mut workspace).descriptor, 3, |_, _| true);
         // Frame 5 + 30 k lies half-way between stored frames 3 k and 3 k + 1.
         let (id, votes) = found[0];
         eprintln!("query {k}: {found:?}");

@@ -70,7 +70,8 @@ pub(super) fn share_out(quota: usize, counts: &[usize], shares: &[f64]) -> Vec<u
         // Groups without any area (all shares 0) are as good as each other.
         let part = |group: usize| if total > 0.0 { shares[group] / total } else { 1.0 / waiting.len() as f64 };
         let fair: Vec<usize> = waiting.iter().map(|group| (left as f64 * part(*group)).round() as usize).collect();
-        let (poor, rich): (Vec<_>, Vec<_>) = waiting.iter().zip(&fair).partition(|(group, fair)| counts[**group] <= **fair);
+        let (poor, rich): (Vec<_>, Vec<_>) =
+            waiting.iter().zip(&fair).partition(|(group, fair)| counts[**group] <= **fair);
         if poor.is_empty() {
             for (group, fair) in rich {
                 given[*group] = (*fair).min(left);
