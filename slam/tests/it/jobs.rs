@@ -56,7 +56,7 @@ fn with_lag(lag: u32) -> Config {
     config
 }
 
-const FRAMES: u32 = 30;
+const FRAMES: u32 = 40;
 
 /// A gaze that sweeps through the room: many keyframes.
 fn world() -> Vec<FrameInput> {
