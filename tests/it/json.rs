@@ -151,6 +151,7 @@ fn cases(folder: &Path) -> Vec<String> {
     fs::write(&cut, &bytes[..bytes.len() * 2 / 3]).unwrap();
     let [tum, page, imported, recorded] = ["tum", "page.html", "tum.mcap", "recorded.mcap"].map(path);
     let [piece, edited, redacted] = ["piece.mcap", "edited.mcap", "redacted.mcap"].map(path);
+    let [exported, again, card] = ["exported", "again.mcap", "card"].map(path);
     let [suite, suite_out] = ["suite.toml", "suite"].map(path);
     write_tum(Path::new(&tum));
     fs::write(&suite, SUITE).unwrap();
@@ -169,6 +170,9 @@ fn cases(folder: &Path) -> Vec<String> {
         vec!["bench", &log],
         vec!["suite", &suite, "-o", &suite_out],
         vec!["import", "tum", &tum, "-o", &imported],
+        vec!["export", "png", &log, "-o", &exported],
+        vec!["import", "png", &exported, "-o", &again],
+        vec!["card", &log, "-o", &card],
         vec!["slice", &log, "--frames", "2..7", "-o", &piece],
         vec!["merge", &piece, &log, "-o", &edited, "--dry-run"],
         vec!["filter", &log, "-n", "/camera/.*", "-o", &edited],
