@@ -5,12 +5,13 @@
 
 pub mod cmd;
 mod exit;
+pub mod help;
 mod progress;
 mod stdout;
 pub mod suite;
 pub mod synthetic;
 
-use clap::Parser;
+use clap::{FromArgMatches as _, Parser};
 use std::process::ExitCode;
 
 pub use exit::{Outcome, Usage};
@@ -40,6 +41,7 @@ pub struct Cli {
 /// Runs the command that the process was started with.
 #[must_use]
 pub fn run() -> ExitCode {
-    let cli = Cli::parse();
+    let matches = help::command().get_matches();
+    let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     exit::code(cli.command.run(progress::Progress::new(!cli.no_progress)))
 }

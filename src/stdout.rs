@@ -16,12 +16,27 @@ pub fn text(result: &dyn Display) -> anyhow::Result<()> {
     }
 }
 
-/// Prints a result as JSON.
-pub fn json(result: &impl Serialize) -> anyhow::Result<()> {
-    text(&serde_json::to_string_pretty(result)?)
+/// A result with the name of its form in front.
+#[derive(Serialize)]
+struct Named<'a, T> {
+    schema: &'a str,
+    #[serde(flatten)]
+    result: &'a T,
 }
 
-/// As JSON or as the text that its `Display` gives.
-pub fn either(as_json: bool, result: &(impl Serialize + Display)) -> anyhow::Result<()> {
-    if as_json { json(result) } else { text(result) }
+/// As JSON whose field `schema` is `schema`, or as the text that its `Display` gives. A schema is the command's name and a
+/// version, `info/1`, which grows when a field goes away or changes its meaning; docs/json.md lists every field, and
+/// tests/it/json.rs compares.
+pub fn either(as_json: bool, schema: &str, result: &(impl Serialize + Display)) -> anyhow::Result<()> {
+    if as_json { json(schema, result) } else { text(result) }
+}
+
+/// As JSON, for results that are no text.
+pub fn json(schema: &str, result: &impl Serialize) -> anyhow::Result<()> {
+    text(&serde_json::to_string_pretty(&Named { schema, result })?)
+}
+
+/// One line of JSON, for streams of results.
+pub fn json_line(schema: &str, result: &impl Serialize) -> anyhow::Result<()> {
+    text(&serde_json::to_string(&Named { schema, result })?)
 }

@@ -1,6 +1,6 @@
 //! Everything that reads a log: reader and timeline ([`log`]), the deterministic replay with its proofs ([`run`]),
-//! evaluation against ground truth ([`eval`]), plots ([`plot`]), and other programs' folders ([`export`]),
-//! and folders to publish ([`card`]).
+//! evaluation against ground truth ([`eval`]), plots ([`plot`]), pages about runs ([`report`](mod@report)), other programs'
+//! folders ([`export`]), and folders to publish ([`card`]).
 
 pub mod card;
 pub mod eval;
@@ -10,6 +10,7 @@ pub mod inspect;
 pub mod log;
 mod output;
 pub mod plot;
+pub mod report;
 pub mod run;
 pub mod stopwatch;
 mod truth;

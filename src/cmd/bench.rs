@@ -38,7 +38,7 @@ impl Bench {
             }
         };
         bar.finish_and_clear();
-        stdout::either(self.json, &report)?;
+        stdout::either(self.json, "bench/1", &report)?;
         Ok(Outcome::Good)
     }
 }

@@ -85,7 +85,7 @@ impl Calibrate {
         let written = self.write && sync.is_some();
         let report = Report { camera, intrinsics_good, contradicted, calibration, sync, written };
         let hand_eye_good = report.sync.is_none() || report.hand_eye().is_some_and(|found| found.found().is_some());
-        stdout::either(self.json, &report)?;
+        stdout::either(self.json, "calibrate/1", &report)?;
         Ok(Outcome::from_good(intrinsics_good && hand_eye_good))
     }
 }

@@ -82,7 +82,7 @@ impl Card {
         let bar = progress.bar("reading");
         let report = card(&self.logs, &self.out, &options, &mut |done, all| progress::update(&bar, done, all))?;
         bar.finish_and_clear();
-        stdout::either(self.json, &report)?;
+        stdout::either(self.json, "card/1", &report)?;
         Ok(Outcome::Good)
     }
 }

@@ -16,7 +16,7 @@ pub struct Check {
 impl Check {
     pub(super) fn run(self) -> anyhow::Result<Outcome> {
         let report = replayer::log::check(&self.log)?;
-        stdout::either(self.json, &report)?;
+        stdout::either(self.json, "check/1", &report)?;
         Ok(Outcome::from_good(report.is_sound()))
     }
 }

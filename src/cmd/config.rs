@@ -2,6 +2,7 @@
 
 use crate::{Outcome, stdout};
 use anyhow::Context as _;
+use serde::Serialize;
 use slam::config::{DEFAULT_TOML, PRESETS};
 use std::fs;
 use std::path::PathBuf;
@@ -12,8 +13,21 @@ pub struct Config {
     #[command(flatten)]
     choice: Choice,
     /// List the presets.
-    #[arg(long, conflicts_with_all = ["preset", "config"])]
+    #[arg(long, conflicts_with_all = ["preset", "config", "json"])]
     presets: bool,
+    /// Print JSON: all keys without their documentation, and the names of the presets.
+    #[arg(long)]
+    json: bool,
+}
+
+/// A configuration for programs.
+#[derive(Serialize)]
+struct Keys {
+    /// Preset, and file if there is one.
+    name: String,
+    /// Names of all presets.
+    presets: &'static [&'static str],
+    config: slam::Config,
 }
 
 /// Which configuration: the defaults, then a preset, then the keys of a file.
@@ -45,7 +59,10 @@ impl Choice {
 
 impl Config {
     pub(super) fn run(self) -> anyhow::Result<Outcome> {
-        if self.presets {
+        if self.json {
+            let keys = Keys { name: self.choice.name(), presets: &PRESETS, config: self.choice.read()? };
+            stdout::json("config/1", &keys)?;
+        } else if self.presets {
             stdout::text(&PRESETS.join("\n"))?;
         } else if self.choice.preset.is_none() && self.choice.config.is_none() {
             stdout::text(&DEFAULT_TOML)?;

@@ -54,19 +54,26 @@ const STEREO_BASELINE_M: f64 = 0.11;
 /// What the demo found.
 #[derive(Debug, Serialize)]
 struct Report {
+    /// The rendered log.
     log: PathBuf,
+    /// Trajectories and errors, SVG.
     plot: PathBuf,
     /// With the feature `rerun` only.
     inspection: Option<PathBuf>,
+    /// One a preset.
     runs: Vec<Judged>,
 }
 
 /// One replay.
 #[derive(Debug, Serialize)]
 struct Judged {
+    /// Its preset.
     preset: &'static str,
+    /// Its folder.
     folder: PathBuf,
+    /// Its fingerprint.
     fingerprint: String,
+    /// Its errors.
     evaluation: Evaluation,
 }
 
@@ -90,7 +97,7 @@ impl Demo {
         let svg = trajectories_svg("Demo: camera path with and without the panoptic filter", &truth, &estimates);
         write_file(&plot, svg.as_bytes(), true)?;
         let inspection = cfg!(feature = "rerun").then(|| self.out.join(PRESETS[0]).join(INSPECTION_RRD));
-        stdout::either(self.json, &Report { log, plot, inspection, runs })?;
+        stdout::either(self.json, "demo/1", &Report { log, plot, inspection, runs })?;
         Ok(Outcome::Good)
     }
 

@@ -18,7 +18,7 @@ pub struct Diff {
 impl Diff {
     pub(super) fn run(self) -> anyhow::Result<Outcome> {
         let report = replayer::run::diff(&self.run_a, &self.run_b)?;
-        stdout::either(self.json, &report)?;
+        stdout::either(self.json, "diff/1", &report)?;
         Ok(Outcome::from_good(report.same()))
     }
 }

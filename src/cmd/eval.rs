@@ -3,7 +3,7 @@
 use crate::{Outcome, Usage, stdout};
 use replayer::eval::{Alignment, DeltaUnit, EvalOptions, Evaluation, RpeOptions, evaluate};
 use replayer::plot::{PlotEstimate, trajectories_svg};
-use replayer::run::MapFrames;
+use replayer::run::{Estimate, MapFrames};
 use replayer::{read_truth, write_file};
 use serde::Serialize;
 use std::fmt;
@@ -53,6 +53,7 @@ pub struct Eval {
 struct Judgement {
     #[serde(flatten)]
     evaluation: Evaluation,
+    /// Maps that were never joined to the one of the trajectory, with their frames: these are not judged.
     never_joined: Vec<MapFrames>,
 }
 
@@ -95,7 +96,7 @@ impl Eval {
 
     pub(super) fn run(self) -> anyhow::Result<Outcome> {
         let mut options = self.options()?;
-        let estimate = super::run_folder::Estimate::read(&self.run, self.online)?;
+        let estimate = Estimate::read(&self.run, self.online)?;
         options.alignment = self.alignment(estimate.sensor.as_deref());
         let truth = self.log.clone().or(estimate.log);
         let truth = truth.ok_or_else(|| Usage("give the ground truth: a log or a text file".to_owned()))?;
@@ -106,7 +107,7 @@ impl Eval {
             let svg = trajectories_svg(&name, &truth, &[PlotEstimate::new(&name, &evaluation)]);
             write_file(path, svg.as_bytes(), self.force)?;
         }
-        stdout::either(self.json, &Judgement { evaluation, never_joined: estimate.never_joined })?;
+        stdout::either(self.json, "eval/1", &Judgement { evaluation, never_joined: estimate.never_joined })?;
         Ok(Outcome::Good)
     }
 }

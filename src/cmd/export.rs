@@ -74,7 +74,7 @@ impl Export {
         let report =
             export(&self.log, &self.out, format, &options, &mut |done, all| progress::update(&bar, done, all))?;
         bar.finish_and_clear();
-        stdout::either(self.json, &report)?;
+        stdout::either(self.json, "export/1", &report)?;
         Ok(Outcome::Good)
     }
 }

@@ -106,7 +106,7 @@ impl Euroc {
         let bar = progress.bar("importing");
         let report = euroc(dir, out, &options, &mut |done, all| progress::update(&bar, done, all))?;
         bar.finish_and_clear();
-        stdout::either(*json, &report)?;
+        stdout::either(*json, "import-sequence/1", &report)?;
         Ok(Outcome::Good)
     }
 }
@@ -132,7 +132,7 @@ impl Kitti {
         let bar = progress.bar("importing");
         let report = kitti(dir, out, &options, &mut |done, all| progress::update(&bar, done, all))?;
         bar.finish_and_clear();
-        stdout::either(*json, &report)?;
+        stdout::either(*json, "import-sequence/1", &report)?;
         Ok(Outcome::Good)
     }
 }
@@ -245,7 +245,7 @@ impl Tum {
         let bar = progress.bar("importing");
         let report = tum(&self.dir, &self.out, &options, &mut |done, all| progress::update(&bar, done, all))?;
         bar.finish_and_clear();
-        stdout::either(self.json, &report)?;
+        stdout::either(self.json, "import-tum/1", &report)?;
         Ok(Outcome::Good)
     }
 }
@@ -288,7 +288,7 @@ impl Rosbag2 {
         let bar = progress.bar("importing");
         let report = rosbag2(&dir, &out, &options, &mut |done, all| progress::update(&bar, done, all))?;
         bar.finish_and_clear();
-        stdout::either(json, &report)?;
+        stdout::either(json, "import-topics/1", &report)?;
         Ok(Outcome::Good)
     }
 }
@@ -314,7 +314,7 @@ impl Png {
         let bar = progress.bar("importing");
         let report = png(&self.dir, &self.out, self.force, &mut |done, all| progress::update(&bar, done, all))?;
         bar.finish_and_clear();
-        stdout::either(self.json, &report)?;
+        stdout::either(self.json, "import-topics/1", &report)?;
         Ok(Outcome::Good)
     }
 }
@@ -343,7 +343,7 @@ impl Realsense {
         let library = Library::load(self.librealsense.as_deref())?;
         let program = concat!("pslam ", env!("CARGO_PKG_VERSION"));
         let report = realsense(&library, &self.file, &self.out, self.force, program)?;
-        stdout::either(self.json, &report)?;
+        stdout::either(self.json, "import-realsense/1", &report)?;
         Ok(Outcome::Good)
     }
 }

@@ -16,7 +16,7 @@ pub struct Info {
 
 impl Info {
     pub(super) fn run(self) -> anyhow::Result<Outcome> {
-        stdout::either(self.json, &Log::open(&self.log)?.info())?;
+        stdout::either(self.json, "info/1", &Log::open(&self.log)?.info())?;
         Ok(Outcome::Good)
     }
 }

@@ -6,6 +6,7 @@ mod board;
 mod calibrate;
 mod card;
 mod check;
+mod completions;
 mod config;
 mod demo;
 mod devices;
@@ -15,10 +16,11 @@ mod eval;
 mod export;
 mod import;
 mod info;
+mod man;
 mod record;
 mod recover;
 mod replay;
-mod run_folder;
+mod report;
 mod sim;
 mod suite;
 mod sync;
@@ -74,6 +76,8 @@ pub enum Command {
     Calibrate(calibrate::Calibrate),
     /// Compare a run's trajectory with the ground truth.
     Eval(eval::Eval),
+    /// Write a run as one page of HTML: path, errors, verdicts, pictures; it needs no network and no other file.
+    Report(report::Report),
     /// Measure how fast a replay is, stage by stage.
     Bench(bench::Bench),
     /// Run many logs with several configurations and print the tables.
@@ -83,6 +87,11 @@ pub enum Command {
     Sim(sim::Sim),
     /// Render a sequence with movers, replay it with and without the panoptic filter, show the difference.
     Demo(demo::Demo),
+    /// Print a completion script for a shell.
+    Completions(completions::Completions),
+    /// Write manual pages, one a command.
+    #[command(name = "man")]
+    Manual(man::Manual),
 }
 
 impl Command {
@@ -114,10 +123,13 @@ impl Command {
             #[cfg(feature = "opencv")]
             Self::Calibrate(command) => command.run(progress),
             Self::Eval(command) => command.run(),
+            Self::Report(command) => command.run(progress),
             Self::Bench(command) => command.run(progress),
             Self::Suite(command) => command.run(progress),
             Self::Sim(command) => command.run(),
             Self::Demo(command) => command.run(progress),
+            Self::Completions(command) => command.run(),
+            Self::Manual(command) => command.run(),
         }
     }
 }

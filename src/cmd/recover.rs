@@ -22,7 +22,7 @@ pub struct Recover {
 impl Recover {
     pub(super) fn run(self) -> anyhow::Result<Outcome> {
         let report = recorder::recover::recover(&self.damaged, &self.out, self.force)?;
-        stdout::either(self.json, &report)?;
+        stdout::either(self.json, "recover/1", &report)?;
         Ok(Outcome::from_good(!report.lossy))
     }
 }

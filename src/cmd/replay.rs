@@ -103,7 +103,7 @@ impl Replay {
         let bar = progress.bar("replaying");
         let summary = replay(&self.log, &self.out, &options, &mut |done, all| progress::update(&bar, done, all))?;
         bar.finish_and_clear();
-        stdout::either(self.json, &summary)?;
+        stdout::either(self.json, "replay/1", &summary)?;
         Ok(Outcome::Good)
     }
 }

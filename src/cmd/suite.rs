@@ -51,7 +51,7 @@ impl Suite {
         let report = run(&spec, &data, out, usize::from(self.threads), progress)?;
         write_file(&out.join("suite.json"), serde_json::to_string_pretty(&report)?.as_bytes(), true)?;
         write_file(&out.join("tables.md"), report.to_string().as_bytes(), true)?;
-        stdout::either(self.json, &report)?;
+        stdout::either(self.json, "suite/1", &report)?;
         Ok(Outcome::from_good(report.complete()))
     }
 

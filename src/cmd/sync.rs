@@ -6,7 +6,7 @@ use crate::{Outcome, Usage, stdout};
 use anyhow::Context as _;
 use recorder::sync::{OffsetOptions, SyncOptions, append_record, solve};
 use replayer::log::read_signals;
-use replayer::run::trajectory;
+use replayer::run::{self, trajectory};
 use schemas::metadata;
 use schemas::sync::{BodySync, Estimate, PoseSample, SyncRecord};
 use serde::Serialize;
@@ -69,7 +69,7 @@ impl Sync {
         }
         let path = match (&poses, no_poses || signals.bodies.is_empty()) {
             (_, true) => None,
-            (Some(run), false) => Some(super::run_folder::Estimate::read(run, false)?.trajectory),
+            (Some(run), false) => Some(run::Estimate::read(run, false)?.trajectory),
             (None, false) => {
                 let bar = progress.bar("replaying");
                 let path = trajectory(&log, &how.options()?, &mut |done, all| progress::update(&bar, done, all));
@@ -85,7 +85,7 @@ impl Sync {
             append_record(&log, out, metadata::SYNC, record.to_metadata(), force)?;
         }
         let found = record.camera_body().is_some() || record.bodies.is_empty();
-        stdout::either(json, &Report { written_to, record })?;
+        stdout::either(json, "sync/1", &Report { written_to, record })?;
         Ok(Outcome::from_good(found))
     }
 }

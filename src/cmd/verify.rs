@@ -26,7 +26,7 @@ impl Verify {
         let mut update = |done, all| progress::update(&bar, done, all);
         let report = replayer::run::verify(&self.run, self.log.as_deref(), threads, &mut update)?;
         bar.finish_and_clear();
-        stdout::either(self.json, &report)?;
+        stdout::either(self.json, "verify/1", &report)?;
         Ok(Outcome::from_good(report.passed()))
     }
 }

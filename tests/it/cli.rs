@@ -23,6 +23,8 @@ fn every_command_has_help() {
         assert!(help.contains(command), "{command}");
         assert!(pslam_exits(0, &[command, "--help"]).contains("Usage: pslam"), "{command}");
     }
+    let ungrouped = panoptic_slam::help::command();
+    assert_eq!(panoptic_slam::help::ungrouped(&ungrouped), [""; 0], "commands without a group in src/help.rs");
     assert!(pslam_exits(0, &["import", "tum", "--help"]).contains("--max-difference-ms"));
 }
 

@@ -40,6 +40,14 @@ pub struct EvalOptions {
     pub rpe: Vec<RpeOptions>,
 }
 
+impl EvalOptions {
+    /// The default with the usual alignment for what a run saw with, see [`Alignment::for_sensor`].
+    #[must_use]
+    pub fn for_sensor(sensor: &str) -> Self {
+        Self { alignment: Alignment::for_sensor(sensor), ..Self::default() }
+    }
+}
+
 impl Default for EvalOptions {
     /// 10 ms as in evo, SE3, relative errors over 1 frame, 1 s and 1 m.
     fn default() -> Self {

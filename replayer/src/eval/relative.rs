@@ -1,6 +1,7 @@
 //! Relative pose error: how far the estimated motion between two instants is from the true one. Blind to where the
 //! error began, so it measures drift.
 
+use schemas::Stamp;
 use serde::{Deserialize, Serialize};
 
 use super::trajectory::step_m;
@@ -112,6 +113,9 @@ pub struct RpeResult {
     pub translation_m: Option<Statistics>,
     /// Rotation angle of the error, degrees.
     pub rotation_deg: Option<Statistics>,
+    /// One entry a pair: stamp of its second pose and translation error, metres; for plots.
+    #[serde(skip)]
+    pub samples: Vec<(Stamp, f64)>,
 }
 
 /// Compares motions over pairs of poses; both slices are paired by position.
@@ -124,16 +128,18 @@ pub(crate) fn relative_error(
     let motion = |poses: &[StampedPose], (i, j): (usize, usize)| {
         poses[i].world_from_camera.inverse() * poses[j].world_from_camera
     };
-    let (mut translation_m, mut rotation_deg) = (Vec::new(), Vec::new());
+    let (mut translation_m, mut rotation_deg, mut samples) = (Vec::new(), Vec::new(), Vec::new());
     for pair in options.pairs(estimate) {
         let error = motion(truth, pair).inverse() * motion(estimate, pair);
         translation_m.push(error.translation.norm());
         rotation_deg.push(error.angle().to_degrees());
+        samples.push((estimate[pair.1].stamp, error.translation.norm()));
     }
     Ok(RpeResult {
         options: *options,
         translation_m: Statistics::of(&translation_m),
         rotation_deg: Statistics::of(&rotation_deg),
+        samples,
     })
 }
 
@@ -141,7 +147,6 @@ pub(crate) fn relative_error(
 mod tests {
     use super::*;
     use nalgebra::Vector3;
-    use schemas::Stamp;
     use slam_math::Se3;
 
     /// A walk along x with these steps, one pose each 100 ms.

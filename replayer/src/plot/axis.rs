@@ -36,14 +36,14 @@ impl Axis {
         self.pixels.0 + share * (self.pixels.1 - self.pixels.0)
     }
 
-    /// Round values with their labels: about one in 60 pixels, or the decades.
+    /// Round values with their labels: about one in 45 pixels, or the decades.
     pub fn ticks(&self) -> Vec<(f64, String)> {
         let (from, to) = self.values;
         if self.scale == Scale::Log {
             let decades = (-9..=9).map(|k| (pow10(k), length_label(k)));
             return decades.filter(|(value, _)| (from..=to * 1.0001).contains(value)).collect();
         }
-        let wanted = ((self.pixels.1 - self.pixels.0).abs() / 60.0).clamp(2.0, 12.0);
+        let wanted = ((self.pixels.1 - self.pixels.0).abs() / 45.0).clamp(2.0, 12.0);
         let (step, decimals) = nice_step((to - from) / wanted);
         let (first, last) = ((from / step).ceil() as i64, (to / step).floor() as i64);
         let label = |k: i64| format!("{:.decimals$}", k as f64 * step);

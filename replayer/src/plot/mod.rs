@@ -1,8 +1,9 @@
 //! Plots of trajectories and their errors as SVG text: same input, same bytes.
 
-mod axis;
-mod panel;
-mod svg;
-mod trajectories;
+pub(crate) mod axis;
+pub(crate) mod panel;
+pub(crate) mod svg;
+pub(crate) mod theme;
+pub(crate) mod trajectories;
 
 pub use trajectories::{PlotEstimate, trajectories_svg};

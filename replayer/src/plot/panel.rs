@@ -3,16 +3,11 @@
 use super::axis::{Axis, Scale};
 use super::svg::{Anchor, Svg};
 
-const INK: &str = "#333333";
-const GRID: &str = "#e4e4e4";
-const LABEL: &str = "fill=\"#333333\"";
-const SMALL: &str = "fill=\"#666666\" font-size=\"12\"";
-const HEAD: &str = "fill=\"#111111\" font-size=\"14\" font-weight=\"bold\"";
-
 /// A box with two axes; curves are clipped to it.
 pub struct Panel {
     /// Unique in the picture.
-    pub id: &'static str,
+    pub id: String,
+    /// Above the plot; may be empty.
     pub title: String,
     pub x_label: String,
     pub y_label: String,
@@ -31,29 +26,34 @@ impl Panel {
     pub fn begin(&self, svg: &mut Svg) {
         let [left, top, width, height] = self.frame();
         let (right, bottom) = (left + width, top + height);
+        let theme = svg.theme();
+        let small = format!("fill=\"{}\" font-size=\"12\"", theme.tick);
+        let label_style = format!("fill=\"{}\"", theme.label);
         for (value, label) in self.x.ticks() {
             let x = self.x.pixel(value);
-            svg.line([x, top, x, bottom], GRID, 1.0);
-            svg.text((x, bottom + 18.0), Anchor::Middle, SMALL, &label);
+            svg.line([x, top, x, bottom], theme.grid, 1.0);
+            svg.text((x, bottom + 18.0), Anchor::Middle, &small, &label);
         }
         for (value, label) in self.y.ticks() {
             let y = self.y.pixel(value);
-            svg.line([left, y, right, y], GRID, 1.0);
-            svg.text((left - 8.0, y + 4.0), Anchor::End, SMALL, &label);
+            svg.line([left, y, right, y], theme.grid, 1.0);
+            svg.text((left - 8.0, y + 4.0), Anchor::End, &small, &label);
         }
-        svg.text((left, top - 10.0), Anchor::Start, HEAD, &self.title);
-        svg.text((left + width / 2.0, bottom + 38.0), Anchor::Middle, LABEL, &self.x_label);
+        let head = format!("fill=\"{}\" font-size=\"14\" font-weight=\"bold\"", theme.title);
+        svg.text((left, top - 10.0), Anchor::Start, &head, &self.title);
+        svg.text((left + width / 2.0, bottom + 38.0), Anchor::Middle, &label_style, &self.x_label);
         let room = if self.y.scale == Scale::Log { 58.0 } else { 50.0 };
-        svg.text_up((left - room, top + height / 2.0), LABEL, &self.y_label);
-        svg.clip_begin(self.id, self.frame());
+        svg.text_up((left - room, top + height / 2.0), &label_style, &self.y_label);
+        svg.clip_begin(&self.id, self.frame());
     }
 
     /// Ends the curves and draws the border.
     pub fn end(&self, svg: &mut Svg) {
         svg.clip_end();
         let [left, top, width, height] = self.frame();
-        svg.line([left, top + height, left + width, top + height], INK, 1.2);
-        svg.line([left, top, left, top + height], INK, 1.2);
+        let ink = svg.theme().ink;
+        svg.line([left, top + height, left + width, top + height], ink, 1.2);
+        svg.line([left, top, left, top + height], ink, 1.2);
     }
 
     pub fn pixel(&self, (x, y): (f64, f64)) -> (f64, f64) {

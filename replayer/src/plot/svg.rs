@@ -2,9 +2,12 @@
 
 use std::fmt::Write;
 
+use super::theme::{PAGE, PAPER, Theme};
+
 /// SVG text in the making. Coordinates are pixels, x right, y down.
 pub struct Svg {
     text: String,
+    theme: Theme,
 }
 
 /// Where a text is held.
@@ -15,16 +18,31 @@ pub enum Anchor {
     End,
 }
 
+const FONT: &str = "font-family=\"Helvetica, Arial, 'DejaVu Sans', sans-serif\" font-size=\"13\"";
+
 impl Svg {
-    pub fn new(width: f64, height: f64) -> Self {
+    /// A file of its own.
+    pub fn file(width: f64, height: f64) -> Self {
         let mut text = String::new();
-        let font = "font-family=\"Helvetica, Arial, 'DejaVu Sans', sans-serif\"";
         let _ = writeln!(
             text,
             "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" \
-             height=\"{height}\" {font} font-size=\"13\">\n<rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>"
+             height=\"{height}\" {FONT}>\n<rect width=\"100%\" height=\"100%\" fill=\"{}\"/>",
+            PAPER.ground
         );
-        Self { text }
+        Self { text, theme: PAPER }
+    }
+
+    /// A part of a page; `label` says what it shows to those who do not see it.
+    pub fn inline(width: f64, height: f64, label: &str) -> Self {
+        let mut text = String::new();
+        let label = escape(label);
+        let _ = writeln!(text, "<svg viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{label}\" {FONT}>");
+        Self { text, theme: PAGE }
+    }
+
+    pub fn theme(&self) -> Theme {
+        self.theme
     }
 
     pub fn finish(mut self) -> String {
@@ -59,6 +77,31 @@ impl Svg {
              stroke-linejoin=\"round\" stroke-linecap=\"round\"/>",
             list.trim_end()
         ));
+    }
+
+    /// A straight line in dashes.
+    pub fn dashes(&mut self, [x1, y1, x2, y2]: [f64; 4], color: &str) {
+        self.line_of(format_args!(
+            "<line x1=\"{x1:.1}\" y1=\"{y1:.1}\" x2=\"{x2:.1}\" y2=\"{y2:.1}\" stroke=\"{color}\" stroke-width=\"2\" \
+             stroke-dasharray=\"2 5\" stroke-linecap=\"round\"/>"
+        ));
+    }
+
+    /// A filled shape.
+    pub fn polygon(&mut self, points: &[(f64, f64)], fill: &str) {
+        let mut list = String::new();
+        for (x, y) in points {
+            let _ = write!(list, "{x:.1},{y:.1} ");
+        }
+        self.line_of(format_args!("<polygon points=\"{}\" fill=\"{fill}\"/>", list.trim_end()));
+    }
+
+    /// Text on top of curves: a copy in the ground's colour below keeps it legible.
+    pub fn text_on_curves(&mut self, at: (f64, f64), anchor: Anchor, content: &str) {
+        let Theme { ground, ink, .. } = self.theme;
+        for style in [format!("stroke=\"{ground}\" stroke-width=\"5\""), format!("fill=\"{ink}\"")] {
+            self.text(at, anchor, &format!("font-size=\"12\" {style}"), content);
+        }
     }
 
     pub fn circle(&mut self, (x, y): (f64, f64), r: f64, fill: &str, stroke: &str) {
@@ -97,7 +140,7 @@ impl Svg {
 }
 
 /// Names come from files and users.
-fn escape(text: &str) -> String {
+pub(crate) fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
         match c {

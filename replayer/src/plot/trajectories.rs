@@ -6,6 +6,7 @@ use slam_math::float::{max, min};
 use super::axis::{Axis, Scale};
 use super::panel::Panel;
 use super::svg::{Anchor, Svg};
+use super::theme::PAPER;
 use crate::eval::{ErrorSample, Evaluation, StampedPose, Trajectory};
 
 /// One estimate to draw.
@@ -35,10 +36,10 @@ const HEIGHT: f64 = 760.0;
 /// Left, right, top, bottom of the plan; the other two panels stand right of it.
 const PLAN: [f64; 4] = [80.0, 640.0, 130.0, 690.0];
 const SIDE: [f64; 2] = [740.0, 1250.0];
-const TRUTH: &str = "#b5b5b5";
+const TRUTH: &str = PAPER.truth;
 /// Okabe and Ito's colours: told apart by colour-blind readers too.
 const COLORS: [&str; 6] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"];
-const AXES: [&str; 3] = ["x", "y", "z"];
+pub(crate) const AXES: [&str; 3] = ["x", "y", "z"];
 /// Errors below this are drawn as this on a logarithmic axis.
 const SMALLEST_ERROR_M: f64 = 1e-4;
 
@@ -51,12 +52,9 @@ pub fn trajectories_svg(title: &str, truth: &Trajectory, estimates: &[PlotEstima
     let truth = Trajectory { poses: shown };
     let all = || std::iter::once(&truth).chain(estimates.iter().map(|e| e.aligned));
     let ranges: [(f64, f64); 3] = std::array::from_fn(|axis| range(all(), axis));
-    // The two longest axes make the plan, in their own order; the shortest is left for the side.
-    let extent = |axis: usize| ranges[axis].1 - ranges[axis].0;
-    let side = (0..3).fold(0, |least, axis| if extent(axis) <= extent(least) { axis } else { least });
-    let (across, up) = [(1, 2), (0, 2), (0, 1)][side];
+    let (across, up, side) = views(&ranges);
 
-    let mut svg = Svg::new(WIDTH, HEIGHT);
+    let mut svg = Svg::file(WIDTH, HEIGHT);
     svg.text((PLAN[0], 40.0), Anchor::Start, "fill=\"#111111\" font-size=\"20\" font-weight=\"bold\"", title);
     legend(&mut svg, !truth.poses.is_empty(), estimates);
     let clock = Clock { start: span.0 };
@@ -65,6 +63,14 @@ pub fn trajectories_svg(title: &str, truth: &Trajectory, estimates: &[PlotEstima
     elevation(&mut svg, side, ranges[side], &clock, time, &truth, estimates);
     errors(&mut svg, &clock, time, estimates);
     svg.finish()
+}
+
+/// The axes to draw: the two longest make the plan (across, up) in their own order, the shortest is left for the side.
+pub(crate) fn views(ranges: &[(f64, f64); 3]) -> (usize, usize, usize) {
+    let extent = |axis: usize| ranges[axis].1 - ranges[axis].0;
+    let side = (0..3).fold(0, |least, axis| if extent(axis) <= extent(least) { axis } else { least });
+    let (across, up) = [(1, 2), (0, 2), (0, 1)][side];
+    (across, up, side)
 }
 
 /// Seconds since the first estimated pose.
@@ -86,7 +92,8 @@ fn time_span(truth: &Trajectory, estimates: &[PlotEstimate<'_>]) -> (Stamp, Stam
     (first, stamps().max().or_else(|| of_truth().max()).unwrap_or_default())
 }
 
-fn range<'a>(trajectories: impl Iterator<Item = &'a Trajectory>, axis: usize) -> (f64, f64) {
+/// Least and greatest coordinate on an axis; 0 without poses.
+pub(crate) fn range<'a>(trajectories: impl Iterator<Item = &'a Trajectory>, axis: usize) -> (f64, f64) {
     let values = trajectories.flat_map(|t| t.poses.iter()).map(|p| p.world_from_camera.translation[axis]);
     let found = values.fold(None, |range: Option<(f64, f64)>, v| {
         Some(range.map_or((v, v), |(least, most)| (min(least, v), max(most, v))))
@@ -95,14 +102,14 @@ fn range<'a>(trajectories: impl Iterator<Item = &'a Trajectory>, axis: usize) ->
 }
 
 /// Values pose by pose, cut where poses are missing.
-fn runs(poses: &[StampedPose], value: impl Fn(&StampedPose) -> (f64, f64)) -> Vec<Vec<(f64, f64)>> {
+pub(crate) fn runs(poses: &[StampedPose], value: impl Fn(&StampedPose) -> (f64, f64)) -> Vec<Vec<(f64, f64)>> {
     let limit = gap_limit_ns(poses);
     let cut = poses.chunk_by(|a, b| b.stamp.abs_diff(a.stamp) <= limit);
     cut.map(|run| run.iter().map(&value).collect()).collect()
 }
 
 /// A longer step than this, three times the median, is a gap; nanoseconds.
-fn gap_limit_ns(poses: &[StampedPose]) -> u64 {
+pub(crate) fn gap_limit_ns(poses: &[StampedPose]) -> u64 {
     let mut steps: Vec<u64> = poses.windows(2).map(|pair| pair[1].stamp.abs_diff(pair[0].stamp)).collect();
     let middle = steps.len() / 2;
     if steps.is_empty() { 0 } else { steps.select_nth_unstable(middle).1.saturating_mul(3) }
@@ -141,7 +148,7 @@ fn legend(svg: &mut Svg, has_truth: bool, estimates: &[PlotEstimate<'_>]) {
 }
 
 /// A length with three digits in a fitting unit.
-fn length(metres: f64) -> String {
+pub(crate) fn length(metres: f64) -> String {
     match metres {
         m if m < 0.01 => format!("{:.2} mm", m * 1e3),
         m if m < 1.0 => format!("{:.2} cm", m * 1e2),
@@ -166,7 +173,7 @@ fn plan(
     };
     let (x, y) = (around(across, right - left), around(up, bottom - top));
     let panel = Panel {
-        id: "plan",
+        id: "plan".to_owned(),
         title: format!("Path in the {}{} plane", AXES[across], AXES[up]),
         x_label: format!("{} [m]", AXES[across]),
         y_label: format!("{} [m]", AXES[up]),
@@ -184,10 +191,7 @@ fn plan(
         for (pose, fill, name) in [(first, "#ffffff", "start"), (last, "#444444", "end")] {
             let at = panel.pixel(value(pose));
             svg.circle(at, 5.0, fill, "#444444");
-            // A white copy below keeps the name legible on top of curves.
-            for style in ["stroke=\"#ffffff\" stroke-width=\"5\"", "fill=\"#444444\""] {
-                svg.text((at.0, at.1 - 12.0), Anchor::Middle, &format!("font-size=\"12\" {style}"), name);
-            }
+            svg.text_on_curves((at.0, at.1 - 12.0), Anchor::Middle, name);
         }
     }
     panel.end(svg);
@@ -204,7 +208,7 @@ fn elevation(
 ) {
     let pad = (range.1 - range.0) * 0.08;
     let panel = Panel {
-        id: "elevation",
+        id: "elevation".to_owned(),
         title: format!("{} over time", AXES[axis]),
         x_label: "time [s]".to_owned(),
         y_label: format!("{} [m]", AXES[axis]),
@@ -224,7 +228,7 @@ fn errors(svg: &mut Svg, clock: &Clock, time: Axis, estimates: &[PlotEstimate<'_
     let (y, unit, metres) = error_axis(estimates);
     let gaps: Vec<(usize, f64, f64)> = (0..).zip(estimates).flat_map(|(index, e)| gaps(index, e, clock)).collect();
     let panel = Panel {
-        id: "error",
+        id: "error".to_owned(),
         title: format!("Position error over time{}", if gaps.is_empty() { "" } else { " (tinted: no pose)" }),
         x_label: "time [s]".to_owned(),
         y_label: format!("error{unit}"),

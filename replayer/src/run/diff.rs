@@ -117,14 +117,23 @@ pub(super) fn header_differences(a: &RunHeader, b: &RunHeader) -> Vec<Difference
         ("layer".to_owned(), layer(a), layer(b)),
         ("frames".to_owned(), frames(a), frames(b)),
     ];
-    let (keys_a, keys_b) = (config_keys(&a.config), config_keys(&b.config));
+    pairs.retain(|(_, a, b)| a != b);
+    pairs.extend(
+        config_differences(&a.config, &b.config).into_iter().map(|(key, a, b)| (format!("config {key}"), a, b)),
+    );
+    pairs.into_iter().map(|(field, a, b)| Difference::whole(field, a, b)).collect()
+}
+
+/// Keys of two TOML texts whose values differ, with both values, sorted.
+pub(crate) fn config_differences(a: &str, b: &str) -> Vec<(String, String, String)> {
+    let (keys_a, keys_b) = (config_keys(a), config_keys(b));
     let mut keys: Vec<&String> = keys_a.keys().chain(keys_b.keys()).collect();
     keys.sort();
     keys.dedup();
     let value =
         |keys: &BTreeMap<String, String>, key| keys.get(key).cloned().unwrap_or_else(|| "(no such key)".to_owned());
-    pairs.extend(keys.into_iter().map(|key| (format!("config {key}"), value(&keys_a, key), value(&keys_b, key))));
-    pairs.into_iter().filter(|(_, a, b)| a != b).map(|(field, a, b)| Difference::whole(field, a, b)).collect()
+    let pairs = keys.into_iter().map(|key| (key.clone(), value(&keys_a, key), value(&keys_b, key)));
+    pairs.filter(|(_, a, b)| a != b).collect()
 }
 
 /// Every key of a TOML text with its sections, and its value as text.

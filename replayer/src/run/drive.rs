@@ -27,7 +27,6 @@ use crate::stopwatch::Stopwatch;
 const MAX_EVENTS: usize = 1000;
 
 /// A frame that has just gone through the slam.
-#[cfg_attr(not(feature = "rerun"), expect(dead_code, reason = "only the inspection file reads all of it"))]
 pub(super) struct Stepped<'a> {
     pub prepared: &'a Prepared,
     pub report: &'a FrameReport,

@@ -5,6 +5,7 @@ use slam_vision::VisionError;
 
 use super::records::RecordError;
 use crate::OutputError;
+use crate::eval::EvalError;
 use crate::log::{DecodeError, LogError};
 
 /// Why a replay, a verification or a comparison came to no result.
@@ -36,6 +37,9 @@ pub enum RunError {
     /// A result cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
+    /// The run's trajectory cannot be read.
+    #[error(transparent)]
+    Eval(#[from] EvalError),
     /// The file system refuses.
     #[error("{}: {source}", path.display())]
     Io {
@@ -123,7 +127,7 @@ pub enum RunError {
 }
 
 impl RunError {
-    pub(super) fn io(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
+    pub(crate) fn io(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
         |source| Self::Io { path: path.to_owned(), source }
     }
 }

@@ -4,15 +4,12 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
-use slam::Config;
 
 use super::diff::{Difference, end_difference, frame_difference, header_differences};
 use super::drive::{Stops, drive};
 use super::records::{Block, RecordReader, RunEnd, digest_of};
-use super::source::Source;
+use super::retrace::Retrace;
 use super::{CONFIG_TOML, Progress, RECORDS_BIN, RunError, RunSummary, TRAJECTORY_ONLINE_TXT, TRAJECTORY_TXT};
-use crate::log::Log;
-use crate::vocabulary::VocabularyFile;
 
 /// Whether a run is what its log gives.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -67,19 +64,9 @@ pub fn verify(
 ) -> Result<VerifyReport, RunError> {
     let records = run_dir.join(RECORDS_BIN);
     let (end, fingerprint) = read_through(&records)?;
-    let mut reader = RecordReader::open(&records)?;
-    let header = reader.header().clone();
+    let Retrace { header, log_path, source, .. } = Retrace::open(run_dir, log)?;
     let summary = RunSummary::read(run_dir)?;
-    let log_path = log.map_or_else(|| summary.log.clone(), Path::to_owned);
-    let log = Log::open(&log_path)?;
-    if log.blake3() != header.log_blake3 {
-        let (found, wanted) = (log.blake3().to_owned(), header.log_blake3);
-        return Err(RunError::OtherLog { log: log_path, found, wanted });
-    }
-    let config = Config::from_toml(&header.config)?;
-    let vocabulary = summary.vocabulary.as_deref();
-    let vocabulary = vocabulary.map(|path| VocabularyFile::expect(path, &config.looping.vocabulary)).transpose()?;
-    let source = Source::new(log, &config, header.layer.as_deref(), Some(header.frames.clone()), vocabulary)?;
+    let mut reader = RecordReader::open(&records)?;
     let notes = header_differences(&header, &source.header());
     let mut report = VerifyReport {
         run: run_dir.to_owned(),

@@ -25,7 +25,6 @@ pub(super) struct Prepared {
     pub observation: Arc<Observation>,
     /// The colour file as the log holds it, for the inspection file; none without a log, or when the slam sees it
     /// rectified.
-    #[cfg_attr(not(feature = "rerun"), expect(dead_code, reason = "only the inspection file shows it"))]
     pub color: Option<EncodedImage>,
     /// What the frame lacks.
     pub events: Vec<Event>,

@@ -8,8 +8,11 @@ use std::path::{Path, PathBuf};
 /// What librealsense sees.
 #[derive(Debug, Serialize)]
 pub struct Cameras {
+    /// Version.
     librealsense: String,
+    /// Where it was found.
     library: PathBuf,
+    /// Cameras, and recordings that stand for one.
     cameras: Vec<Camera>,
 }
 

@@ -45,6 +45,7 @@ pub struct Devices {
 struct Found {
     /// Absent without librealsense.
     realsense: Option<Cameras>,
+    /// Motion capture systems that were asked for.
     mocap: Vec<Survey>,
 }
 
@@ -62,7 +63,7 @@ impl Devices {
         let moment = Duration::from_secs_f64(self.wait);
         let surveys = sources.into_iter().map(|mut source| survey(source.as_mut(), moment));
         let found = Found { realsense: cameras, mocap: surveys.collect::<Result<_, _>>()? };
-        stdout::either(self.json, &found)?;
+        stdout::either(self.json, "devices/1", &found)?;
         Ok(Outcome::Good)
     }
 

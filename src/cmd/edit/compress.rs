@@ -39,7 +39,7 @@ impl Compress {
             progress::update(&bar, done as usize, all as usize);
         })?;
         bar.finish_and_clear();
-        stdout::either(self.target.json, &done)?;
+        stdout::either(self.target.json, "compress/1", &done)?;
         Ok(Outcome::Good)
     }
 }

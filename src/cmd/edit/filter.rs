@@ -33,7 +33,7 @@ impl Filter {
             progress::update(&bar, done as usize, all as usize);
         })?;
         bar.finish_and_clear();
-        stdout::either(self.target.json, &summary)?;
+        stdout::either(self.target.json, "filter/1", &summary)?;
         Ok(Outcome::Good)
     }
 }

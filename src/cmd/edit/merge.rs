@@ -57,7 +57,7 @@ impl Merge {
             progress::update(&bar, done as usize, all as usize);
         })?;
         bar.finish_and_clear();
-        stdout::either(self.target.json, &summary)?;
+        stdout::either(self.target.json, "merge/1", &summary)?;
         Ok(Outcome::Good)
     }
 }

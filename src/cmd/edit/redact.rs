@@ -100,7 +100,7 @@ impl Redact {
             progress::update(&bar, done as usize, all as usize);
         })?;
         bar.finish_and_clear();
-        stdout::either(self.target.json, &report)?;
+        stdout::either(self.target.json, "redact/1", &report)?;
         Ok(Outcome::from_good(!report.refused))
     }
 }

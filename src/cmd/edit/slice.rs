@@ -63,7 +63,7 @@ impl Slice {
             progress::update(&bar, done as usize, all as usize);
         })?;
         bar.finish_and_clear();
-        stdout::either(self.target.json, &summary)?;
+        stdout::either(self.target.json, "slice/1", &summary)?;
         Ok(Outcome::Good)
     }
 

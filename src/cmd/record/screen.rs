@@ -6,7 +6,6 @@ use crate::stdout;
 use recorder::capture::Onlooker;
 use recorder::capture::{Happening, Status, Verdict};
 use schemas::msg::level;
-use serde::Serialize;
 use std::io::{IsTerminal as _, Write as _, stderr};
 #[cfg(feature = "rerun")]
 use std::{path::Path, sync::Arc};
@@ -50,7 +49,7 @@ impl Screen {
     pub fn status(&mut self, status: &Status) {
         if self.json {
             // Nobody reads any more: the recording goes on.
-            let _ = line(status);
+            let _ = stdout::json_line("record-status/1", status);
         }
         status.happenings.iter().for_each(|happening| self.happening(happening));
         #[cfg(feature = "rerun")]
@@ -89,11 +88,6 @@ impl Screen {
         if let Some(preview) = self.preview.take() {
             let _ = writeln!(stderr().lock(), "{}", preview.end());
         }
-        if self.json { line(verdict) } else { stdout::text(verdict) }
+        if self.json { stdout::json_line("record/1", verdict) } else { stdout::text(verdict) }
     }
-}
-
-/// One line of JSON.
-fn line(value: &impl Serialize) -> anyhow::Result<()> {
-    stdout::text(&serde_json::to_string(value)?)
 }
