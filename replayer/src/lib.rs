@@ -1,5 +1,5 @@
 //! Everything that reads a log: reader and timeline ([`log`]), the deterministic replay with its proofs ([`run`]),
-//! evaluation against ground truth ([`eval`]), plots ([`plot`]), and other programs' folders ([`export`]),
+//! evaluation against ground truth ([`eval`]), of labels against others ([`masks`]), plots ([`plot`]), and other programs' folders ([`export`]),
 //! and folders to publish ([`card`]).
 
 pub mod card;
@@ -8,6 +8,7 @@ pub mod export;
 #[cfg(feature = "rerun")]
 pub mod inspect;
 pub mod log;
+pub mod masks;
 mod output;
 pub mod plot;
 pub mod run;

@@ -1,5 +1,6 @@
 //! One file a subcommand.
 
+mod annotate;
 mod bench;
 mod board;
 #[cfg(feature = "opencv")]
@@ -12,9 +13,11 @@ mod devices;
 mod diff;
 mod edit;
 mod eval;
+mod eval_masks;
 mod export;
 mod import;
 mod info;
+mod models;
 mod record;
 mod recover;
 mod replay;
@@ -74,6 +77,10 @@ pub enum Command {
     Calibrate(calibrate::Calibrate),
     /// Compare a run's trajectory with the ground truth.
     Eval(eval::Eval),
+    /// Label a log's pictures with networks, or add ready labels: a new segmentation layer.
+    Annotate(annotate::Annotate),
+    /// Judge a segmentation layer by another one: panoptic quality, and what becomes of people.
+    EvalMasks(eval_masks::EvalMasks),
     /// Measure how fast a replay is, stage by stage.
     Bench(bench::Bench),
     /// Run many logs with several configurations and print the tables.
@@ -114,6 +121,8 @@ impl Command {
             #[cfg(feature = "opencv")]
             Self::Calibrate(command) => command.run(progress),
             Self::Eval(command) => command.run(),
+            Self::Annotate(command) => command.run(progress),
+            Self::EvalMasks(command) => command.run(),
             Self::Bench(command) => command.run(progress),
             Self::Suite(command) => command.run(progress),
             Self::Sim(command) => command.run(),
