@@ -49,7 +49,9 @@ impl Layer {
     pub fn new(spec: &LayerSpec) -> Result<Self, WriteError> {
         let name = &spec.name;
         if !topics::is_layer_name(name) {
-            return Err(WriteError::Invalid(format!("layer name `{name}` must be letters, digits and _, a letter first")));
+            return Err(WriteError::Invalid(format!(
+                "layer name `{name}` must be letters, digits and _, a letter first"
+            )));
         }
         let mut categories = spec.categories.clone();
         categories.sort_by_key(|category| category.id);

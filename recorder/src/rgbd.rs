@@ -88,7 +88,8 @@ impl RgbdLog {
         }
         check_units(&spec.depth_units_per_metre)?;
         let layers = spec.layers.iter().map(Layer::new).collect::<Result<Vec<_>, _>>()?;
-        if let Some(twice) = (1..layers.len()).find(|i| layers[..*i].iter().any(|layer| layer.name() == layers[*i].name()))
+        if let Some(twice) =
+            (1..layers.len()).find(|i| layers[..*i].iter().any(|layer| layer.name() == layers[*i].name()))
         {
             return Err(WriteError::Invalid(format!("layer name {} is used twice", layers[twice].name())));
         }

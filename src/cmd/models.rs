@@ -39,11 +39,6 @@ pub enum Source {
 }
 
 impl Labeller {
-    /// Whether anything was chosen.
-    pub fn is_chosen(&self) -> bool {
-        self.masks.is_some() || !self.models.is_empty()
-    }
-
     /// Reads and loads what was chosen.
     ///
     /// # Errors
@@ -95,9 +90,8 @@ impl Labeller {
 fn beside(folder: &Path) -> Vec<PathBuf> {
     let plain = folder.join("libonnxruntime.so");
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-    let is_version = |path: &PathBuf| {
-        path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("libonnxruntime.so."))
-    };
+    let is_version =
+        |path: &PathBuf| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("libonnxruntime.so."));
     let mut versions: Vec<PathBuf> = entries.filter(is_version).collect();
     versions.sort();
     std::iter::once(plain).chain(versions.into_iter().rev()).collect()
@@ -161,7 +155,11 @@ impl Source {
 /// Now, in UTC; SOURCE_DATE_EPOCH (seconds since 1970) takes its place for logs that shall have the same bytes again.
 pub fn time() -> Result<String, Usage> {
     match std::env::var("SOURCE_DATE_EPOCH") {
-        Ok(text) => text.trim().parse().map(utc).map_err(|_| Usage(format!("SOURCE_DATE_EPOCH `{text}` is no number of seconds"))),
+        Ok(text) => text
+            .trim()
+            .parse()
+            .map(utc)
+            .map_err(|_| Usage(format!("SOURCE_DATE_EPOCH `{text}` is no number of seconds"))),
         Err(_) => Ok(utc(recorder::Arrival::now().realtime_ns / 1_000_000_000)),
     }
 }
@@ -173,7 +171,8 @@ fn utc(seconds: i64) -> String {
     let year_of_era = (day - day / 1460 + day / 36_524 - day / 146_096) / 365;
     let day_of_year = day - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
     let shifted = (5 * day_of_year + 2) / 153;
-    let (date, month) = (day_of_year - (153 * shifted + 2) / 5 + 1, if shifted < 10 { shifted + 3 } else { shifted - 9 });
+    let (date, month) =
+        (day_of_year - (153 * shifted + 2) / 5 + 1, if shifted < 10 { shifted + 3 } else { shifted - 9 });
     let year = year_of_era + era * 400 + i64::from(month <= 2);
     let (hour, minute, second) = (of_day / 3600, of_day / 60 % 60, of_day % 60);
     format!("{year:04}-{month:02}-{date:02}T{hour:02}:{minute:02}:{second:02}Z")

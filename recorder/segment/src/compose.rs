@@ -29,12 +29,7 @@ pub struct Stuff {
 /// One mask of `width * height` pixels. `things` are sorted by falling score by this function (equal scores stay in their
 /// order); of several stuffs the first that labels a pixel wins.
 #[must_use]
-pub fn compose(
-    width: usize,
-    height: usize,
-    mut things: Vec<(Instance, ThingRule)>,
-    stuffs: &[Stuff],
-) -> Mask {
+pub fn compose(width: usize, height: usize, mut things: Vec<(Instance, ThingRule)>, stuffs: &[Stuff]) -> Mask {
     let mut owner = vec![0_u16; width * height];
     let mut claims = Vec::new();
     things.sort_by(|(a, _), (b, _)| b.score.total_cmp(&a.score));

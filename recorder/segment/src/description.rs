@@ -74,7 +74,17 @@ impl Default for Input {
     fn default() -> Self {
         let (width, height) = (0, 0);
         let (mean, std) = ([0.0; 3], [1.0; 3]);
-        Self { tensor: String::new(), width, height, fit: Fit::Letterbox, pad: 114, bgr: false, divisor: 255.0, mean, std }
+        Self {
+            tensor: String::new(),
+            width,
+            height,
+            fit: Fit::Letterbox,
+            pad: 114,
+            bgr: false,
+            divisor: 255.0,
+            mean,
+            std,
+        }
     }
 }
 

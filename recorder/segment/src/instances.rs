@@ -41,7 +41,8 @@ pub fn instances(
 ) -> Result<Vec<Instance>, String> {
     let shapes = || format!("outputs have shapes {:?} and {:?}", boxes.shape, prototypes.shape);
     let wanted = "an ultralytics-seg model gives [1, 4 + classes + coefficients, anchors] and [1, coefficients, h, w]";
-    let (Some([rows, anchors]), Some([coefficients, rows_high, columns])) = (boxes.extents(), prototypes.extents()) else {
+    let (Some([rows, anchors]), Some([coefficients, rows_high, columns])) = (boxes.extents(), prototypes.extents())
+    else {
         return Err(format!("{}; {wanted}", shapes()));
     };
     let classes = rows.checked_sub(4 + coefficients).filter(|classes| *classes > 0);
@@ -51,7 +52,8 @@ pub fn instances(
     }
     let candidates = candidates(model, &boxes.data, anchors, classes);
     let kept = suppressed(candidates, model.description.merge.iou);
-    let grid = Grid { prototypes, coefficients, columns, rows: rows_high, align: model.description.output.align_corners };
+    let grid =
+        Grid { prototypes, coefficients, columns, rows: rows_high, align: model.description.output.align_corners };
     let instance = |candidate: &Candidate| {
         let category = model.channels.iter().find(|channel| channel.index == candidate.class)?;
         let weights: Vec<f32> =
@@ -81,9 +83,8 @@ fn suppressed(mut candidates: Vec<Candidate>, iou: f32) -> Vec<Candidate> {
     candidates.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.anchor.cmp(&b.anchor)));
     let mut kept: Vec<Candidate> = Vec::new();
     for candidate in candidates {
-        let covered = |better: &Candidate| {
-            better.class == candidate.class && overlap(&better.corners, &candidate.corners) > iou
-        };
+        let covered =
+            |better: &Candidate| better.class == candidate.class && overlap(&better.corners, &candidate.corners) > iou;
         if kept.len() < MAX_INSTANCES && !kept.iter().any(covered) {
             kept.push(candidate);
         }

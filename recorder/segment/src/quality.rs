@@ -107,7 +107,8 @@ impl Judge {
     /// For a truth and a layer with these categories; they are matched by name.
     #[must_use]
     pub fn new(truth: &[Category], layer: &[Category]) -> Self {
-        let class = |c: &Category| ClassQuality { name: c.name.clone(), is_thing: c.is_thing, ..ClassQuality::default() };
+        let class =
+            |c: &Category| ClassQuality { name: c.name.clone(), is_thing: c.is_thing, ..ClassQuality::default() };
         let place = |name: &str| truth.iter().position(|c| c.name == name);
         let foreign = layer.iter().filter(|c| place(&c.name).is_none()).map(|c| c.name.clone()).collect();
         Self {

@@ -41,7 +41,8 @@ pub fn panoptic(
     let found: Vec<Found<'_>> = (0..queries)
         .filter_map(|query| {
             let (class, score) = class_of(model, &classes.data[query * logits..][..logits])?;
-            let category = model.channels.iter().find(|channel| channel.index == class).map(|channel| &channel.category);
+            let category =
+                model.channels.iter().find(|channel| channel.index == class).map(|channel| &channel.category);
             let logits = &masks.data[query * rows * columns..][..rows * columns];
             (score >= model.description.merge.score).then_some(Found { category, score, logits })
         })

@@ -46,7 +46,9 @@ impl Entry {
             out.extend(s.id.to_le_bytes());
             out.extend(s.category_id.to_le_bytes());
             out.extend(s.score.to_le_bytes());
-            [s.x, s.y, s.width, s.height, s.area, u32::from(s.is_crowd)].iter().for_each(|v| out.extend(v.to_le_bytes()));
+            [s.x, s.y, s.width, s.height, s.area, u32::from(s.is_crowd)]
+                .iter()
+                .for_each(|v| out.extend(v.to_le_bytes()));
         }
         for run in mask.instance.chunk_by(|a, b| a == b) {
             out.extend((run.len() as u32).to_le_bytes());
@@ -69,8 +71,7 @@ impl Entry {
             let (id, category_id) = (u16::from_le_bytes(take(&mut rest)?), u16::from_le_bytes(take(&mut rest)?));
             let score = f32::from_le_bytes(take(&mut rest)?);
             let mut number = || Some(u32::from_le_bytes(take(&mut rest)?));
-            let [x, y, width, height, area, crowd] =
-                [number()?, number()?, number()?, number()?, number()?, number()?];
+            let [x, y, width, height, area, crowd] = [number()?, number()?, number()?, number()?, number()?, number()?];
             segments.push(Segment { id, category_id, score, x, y, width, height, area, is_crowd: crowd != 0 });
         }
         let pixels = u64::from(size.0) * u64::from(size.1);
@@ -110,7 +111,8 @@ impl Journal {
         name.push(".labels");
         let path = PathBuf::from(name);
         let at = |source| AnnotateError::Journal { path: path.clone(), source };
-        let mut file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).map_err(at)?;
+        let mut file =
+            OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).map_err(at)?;
         let mut head = Vec::new();
         (&file).take(HEAD).read_to_end(&mut head).map_err(at)?;
         let wanted = [MAGIC.as_slice(), request].concat();
@@ -206,7 +208,8 @@ mod tests {
     use super::*;
 
     fn entry(stamp: i64) -> Entry {
-        let segment = Segment { id: 3, category_id: 9, score: 0.5, x: 1, y: 0, width: 2, height: 1, area: 2, is_crowd: false };
+        let segment =
+            Segment { id: 3, category_id: 9, score: 0.5, x: 1, y: 0, width: 2, height: 1, area: 2, is_crowd: false };
         let mask = Mask { class: vec![0, 9, 9, 0], instance: vec![0, 3, 3, 0], segments: vec![segment] };
         Entry { stamp: Stamp(stamp), picture: [7; 32], size: (4, 1), mask: (stamp % 2 == 0).then_some(mask) }
     }

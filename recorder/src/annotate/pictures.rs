@@ -31,7 +31,8 @@ impl Undecoded {
     /// Its pixels.
     pub fn decode(&self) -> Result<Picture, AnnotateError> {
         let wrong = |reason: String| EditError::message(&self.message, reason);
-        let picture = |source| AnnotateError::Picture { log: self.log.clone(), index: self.index, stamp: self.stamp, source };
+        let picture =
+            |source| AnnotateError::Picture { log: self.log.clone(), index: self.index, stamp: self.stamp, source };
         let (width, height, rgb) = if self.message.topic() == topics::COLOR {
             let image: CompressedImage<'_> = self.message.decode().map_err(wrong)?;
             let pixels = decode_color(&image.data).map_err(picture)?;
@@ -44,7 +45,13 @@ impl Undecoded {
             let image: Image<'_> = self.message.decode().map_err(wrong)?;
             let bytes = u64::from(image.width) * u64::from(image.height) * 3;
             if image.encoding != encoding::RGB8 || image.data.len() as u64 != bytes {
-                let found = format!("`{}` with {} bytes for {}x{}", image.encoding, image.data.len(), image.width, image.height);
+                let found = format!(
+                    "`{}` with {} bytes for {}x{}",
+                    image.encoding,
+                    image.data.len(),
+                    image.width,
+                    image.height
+                );
                 return Err(picture(PictureError::Layout { found, wanted: "rgb8" }));
             }
             (image.width, image.height, image.data.into_owned())
@@ -92,7 +99,9 @@ pub fn survey(log: &Path, layer: &str) -> Result<usize, AnnotateError> {
     while let Some(item) = source.next()? {
         match item {
             Item::Channel(channel) if topics::layer_of(&channel.topic) == Some(layer) => {
-                return refused(format!("has a segmentation layer `{layer}` already: give the new one another name with --layer"));
+                return refused(format!(
+                    "has a segmentation layer `{layer}` already: give the new one another name with --layer"
+                ));
             }
             Item::Message(message) => pictures += usize::from(is_picture(message.topic())),
             _ => {}

@@ -3,9 +3,9 @@
 use super::AnnotateError;
 use crate::import::{Labels, PanopticSource, Repairs};
 use crate::picture::decode_gray;
+use schemas::Stamp;
 use schemas::msg::{Category, SCORE_UNKNOWN, Segment};
 use schemas::panoptic::VOID_CLASS;
-use schemas::Stamp;
 use segment::{Mask, Picture, SegmentError, Segmenter};
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -27,7 +27,11 @@ impl ReadySource {
     /// What stands in a folder: a folder `class` means images, anything else COCO panoptic.
     #[must_use]
     pub fn of(folder: &Path) -> Self {
-        if folder.join("class").is_dir() { Self::Images(folder.to_owned()) } else { Self::Coco(PanopticSource::new(folder)) }
+        if folder.join("class").is_dir() {
+            Self::Images(folder.to_owned())
+        } else {
+            Self::Coco(PanopticSource::new(folder))
+        }
     }
 }
 
@@ -85,7 +89,8 @@ impl ReadyMasks {
             }
         }
         if inner.by_stamp.is_empty() && inner.by_index.is_empty() {
-            let what = "no file is named by a stamp (1600000006.666667, 1403715273262142976) or by a picture's number from 0";
+            let what =
+                "no file is named by a stamp (1600000006.666667, 1403715273262142976) or by a picture's number from 0";
             return Err(SegmentError::Picture(format!("ready masks: {what}")).into());
         }
         Ok(Self(Arc::new(inner)))
@@ -179,7 +184,8 @@ impl Images {
         let instance = self.instance.as_deref().map(gray).transpose()?.unwrap_or_else(|| class.clone());
         let wrong = |reason: String| SegmentError::Picture(format!("{}: {reason}", self.class.display()));
         let mut found: BTreeMap<(u16, u16), Segment> = BTreeMap::new();
-        for (at, (&class, &instance)) in class.iter().zip(&instance).enumerate().filter(|(_, (c, _))| **c != VOID_CLASS) {
+        for (at, (&class, &instance)) in class.iter().zip(&instance).enumerate().filter(|(_, (c, _))| **c != VOID_CLASS)
+        {
             let (x, y) = (at as u32 % size.0, at as u32 / size.0);
             let segment = found.entry((class, instance)).or_insert(Segment { x, y, ..Segment::default() });
             let (right, bottom) = ((segment.x + segment.width).max(x + 1), y + 1);
@@ -227,7 +233,8 @@ mod tests {
         assert_eq!(ready.categories().iter().map(|c| c.id).collect::<Vec<_>>(), [1, 9]);
         let mask = ready.segment(&picture(0, 1)).unwrap().unwrap();
         assert_eq!(mask.instance, [1, 2, 0, 3, 2, 3]);
-        let boxes: Vec<_> = mask.segments.iter().map(|s| (s.category_id, s.x, s.y, s.width, s.height, s.area)).collect();
+        let boxes: Vec<_> =
+            mask.segments.iter().map(|s| (s.category_id, s.x, s.y, s.width, s.height, s.area)).collect();
         assert_eq!(boxes, [(1, 0, 0, 1, 1, 1), (1, 1, 0, 1, 2, 2), (9, 0, 1, 3, 1, 2)]);
         assert_eq!(ready.segment(&picture(500_000_000, 0)).unwrap().unwrap().segments.len(), 1);
         assert_eq!(ready.segment(&picture(1, 0)).unwrap(), None);

@@ -62,7 +62,7 @@ impl Runtime {
         Err(missing("rten", "rten"))
     }
 
-    /// ONNX Runtime from one of these files, the first that exists.
+    /// ONNX Runtime from one of these files, the first that exists. Once a process: clone it.
     ///
     /// # Errors
     /// The program was built without it, none exists, or the first that does cannot be used.

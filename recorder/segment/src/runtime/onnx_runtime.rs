@@ -5,7 +5,8 @@ use crate::description::Model;
 use crate::{SegmentError, Tensor};
 use ort::environment::Environment;
 use ort::session::Session;
-use std::path::PathBuf;
+use std::ffi::{CStr, c_char, c_void};
+use std::path::{Path, PathBuf};
 
 /// The library, loaded.
 pub struct OnnxRuntime(Environment);
@@ -25,14 +26,27 @@ pub fn open(candidates: &[PathBuf]) -> Result<(RuntimeInfo, OnnxRuntime), Segmen
     };
     let builder = ort::init_from(library).map_err(|error| unusable(&error))?;
     let environment = builder.with_name("pslam").with_telemetry(false).build().map_err(|error| unusable(&error))?;
-    let info = RuntimeInfo { name: "onnxruntime".to_owned(), version: version(ort::info()), library: Some(library.clone()) };
+    let version = version(library).map_err(|error| unusable(&error))?;
+    let info = RuntimeInfo { name: "onnxruntime".to_owned(), version, library: Some(library.clone()) };
     Ok((info, OnnxRuntime(environment)))
 }
 
-/// The version out of the library's own words; all of them if they hold none.
-fn version(words: &str) -> String {
-    let digits = |word: &&str| word.contains('.') && word.starts_with(|c: char| c.is_ascii_digit());
-    words.split(['=', ',', ' ', '-']).find(digits).unwrap_or(words).to_owned()
+/// The start of `OrtApiBase`, ONNX Runtime's one exported structure (`onnxruntime_c_api.h`).
+#[repr(C)]
+struct ApiBase {
+    get_api: *const c_void,
+    get_version_string: unsafe extern "C" fn() -> *const c_char,
+}
+
+/// The library's version: `ort` checks it and keeps it to itself.
+fn version(library: &Path) -> Result<String, libloading::Error> {
+    // SAFETY: the library has been loaded as ONNX Runtime by `ort` and stays so; loading it again runs nothing.
+    let library = unsafe { libloading::Library::new(library) }?;
+    // SAFETY: the C header declares this function so, and `ort` has called it.
+    let api_base = unsafe { library.get::<unsafe extern "C" fn() -> *const ApiBase>(b"OrtGetApiBase") }?;
+    // SAFETY: it returns a static structure, whose second member returns a static text that ends with a zero.
+    let text = unsafe { CStr::from_ptr(((*api_base()).get_version_string)()) };
+    Ok(text.to_string_lossy().into_owned())
 }
 
 struct Network {
@@ -66,15 +80,15 @@ fn network(environment: &Environment, model: &Model) -> Result<Network, String> 
 
 impl Engine for Network {
     fn run(&mut self, input: Tensor) -> Result<Vec<Tensor>, String> {
-            let text = |error: ort::Error| error.to_string();
-            let value = ort::value::Tensor::from_array((input.shape, input.data)).map_err(text)?;
-            let outputs = self.session.run(ort::inputs![self.input.as_str() => value]).map_err(text)?;
-            let tensor = |name: &String| {
-                let value = outputs.get(name).ok_or_else(|| format!("gave no `{name}`"))?;
-                let (shape, data) = value.try_extract_tensor::<f32>().map_err(text)?;
-                let shape = shape.iter().map(|extent| usize::try_from(*extent).unwrap_or(0)).collect();
-                Tensor::new(shape, data.to_vec()).ok_or_else(|| format!("`{name}` does not fill its shape"))
-            };
-            self.outputs.iter().map(tensor).collect()
+        let text = |error: ort::Error| error.to_string();
+        let value = ort::value::Tensor::from_array((input.shape, input.data)).map_err(text)?;
+        let outputs = self.session.run(ort::inputs![self.input.as_str() => value]).map_err(text)?;
+        let tensor = |name: &String| {
+            let value = outputs.get(name).ok_or_else(|| format!("gave no `{name}`"))?;
+            let (shape, data) = value.try_extract_tensor::<f32>().map_err(text)?;
+            let shape = shape.iter().map(|extent| usize::try_from(*extent).unwrap_or(0)).collect();
+            Tensor::new(shape, data.to_vec()).ok_or_else(|| format!("`{name}` does not fill its shape"))
+        };
+        self.outputs.iter().map(tensor).collect()
     }
 }
