@@ -278,7 +278,9 @@ impl Description {
             return say("a semantic network has stuff only: it cannot tell things apart");
         }
         let Merge { score, iou, visible, person_margin, .. } = self.merge;
-        if ![score, iou, visible].iter().all(|part| (0.0..=1.0).contains(part)) || !(person_margin >= 0.0) {
+        if ![score, iou, visible].iter().all(|part| (0.0..=1.0).contains(part))
+            || !(0.0..=f32::MAX).contains(&person_margin)
+        {
             return say("merge: score, iou and visible are 0 to 1, person_margin is not negative");
         }
         Ok(())

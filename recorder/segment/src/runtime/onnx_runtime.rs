@@ -63,7 +63,7 @@ impl Loader for OnnxRuntime {
 
 fn network(environment: &Environment, model: &Model) -> Result<Network, String> {
     let open = || -> Result<Session, ort::Error> {
-        Ok(Session::builder(environment)?.with_intra_threads(1)?.commit_from_file(&model.file)?)
+        Session::builder(environment)?.with_intra_threads(1)?.commit_from_file(&model.file)
     };
     let session = open().map_err(|error| error.to_string())?;
     let inputs: Vec<String> = session.inputs().iter().map(|outlet| outlet.name().to_owned()).collect();
