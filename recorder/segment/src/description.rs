@@ -287,7 +287,8 @@ impl Description {
     }
 
     /// The names of the outputs in the order in which the kind wants them.
-    pub(crate) fn outputs(&self) -> Vec<&str> {
+    #[must_use]
+    pub fn outputs(&self) -> Vec<&str> {
         let masks = self.output.masks.iter().filter(|_| self.kind != Kind::Semantic);
         std::iter::once(self.output.scores.as_str()).chain(masks.map(String::as_str)).collect()
     }

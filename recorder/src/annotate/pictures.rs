@@ -120,8 +120,11 @@ pub fn hashed(log: &Path) -> Result<SourceFile, AnnotateError> {
     Ok(SourceFile { file: log.to_owned(), bytes: source.file_bytes(), blake3: source.blake3() })
 }
 
-/// A log's metadata records by name; none for a log that is not whole.
-pub fn records(log: &Path) -> Result<Option<BTreeMap<String, BTreeMap<String, String>>>, AnnotateError> {
+/// Metadata records by name.
+pub type Records = BTreeMap<String, BTreeMap<String, String>>;
+
+/// A log's metadata records; none for a log that is not whole.
+pub fn records(log: &Path) -> Result<Option<Records>, AnnotateError> {
     let mut records = BTreeMap::new();
     let mut read = || -> Result<(), EditError> {
         let mut source = Source::open(log)?;
