@@ -7,6 +7,7 @@
 //! - [`mocap`]: motion capture systems as sources of frames, and simulated ones.
 //! - [`import`]: data set folders to logs.
 //! - [`edit`]: a log to another one: cut, merged, filtered, redacted, with more in it.
+//! - [`annotate`]: a log to the same log with one more segmentation layer.
 //! - [`recover`]: a damaged log to a valid one, with a list of what is lost.
 //! - [`realsense`]: RealSense cameras through the vendor's library.
 //! - [`board`]: the calibration board to print; with the feature `opencv`, `calibrate` looks for it in pictures.
@@ -14,6 +15,7 @@
 //! - [`Arrival`]: the host's clocks at the moment when something came in.
 //! - [`picture`]: PNG and JPEG files at the border of a log.
 
+pub mod annotate;
 mod arrival;
 pub mod board;
 #[cfg(feature = "opencv")]
@@ -21,6 +23,7 @@ pub mod calibrate;
 pub mod capture;
 pub mod edit;
 pub mod import;
+mod layer;
 mod log_writer;
 pub mod mocap;
 pub mod picture;
@@ -30,5 +33,7 @@ mod rgbd;
 pub mod sync;
 
 pub use arrival::Arrival;
+pub use layer::LayerSpec;
 pub use log_writer::{ChannelId, LogOptions, LogWriter, WriteError};
-pub use rgbd::{Beside, LayerSpec, Mask, RgbdLog, RgbdSpec};
+pub use rgbd::{Beside, RgbdLog, RgbdSpec};
+pub use segment::Mask;

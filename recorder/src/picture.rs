@@ -92,6 +92,24 @@ pub fn decode_gray16(bytes: &[u8]) -> Result<(u32, u32, Vec<u16>), PictureError>
     Ok((png.width, png.height, pixels))
 }
 
+/// Reads single-channel labels of 8 or 16 bits: width, height, values.
+///
+/// # Errors
+/// A damaged file, or another layout.
+pub fn decode_gray(bytes: &[u8]) -> Result<(u32, u32, Vec<u16>), PictureError> {
+    let png = decode_png(bytes)?;
+    match (png.source_color, png.depth) {
+        (png::ColorType::Grayscale, png::BitDepth::Eight) => {
+            Ok((png.width, png.height, png.pixels.into_iter().map(u16::from).collect()))
+        }
+        (png::ColorType::Grayscale, png::BitDepth::Sixteen) => decode_gray16(bytes),
+        (color, depth) => {
+            let found = format!("{color:?}, {depth:?} bits a channel");
+            Err(PictureError::Layout { found, wanted: "8- or 16-bit greyscale" })
+        }
+    }
+}
+
 /// Reads 8-bit RGB pixels: width, height, bytes.
 ///
 /// # Errors

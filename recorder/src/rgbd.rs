@@ -1,15 +1,17 @@
 //! A log of a camera, with depth, a second camera or neither: the project's topics, frames and metadata in one place for
 //! every writer.
 
+use crate::layer::{Layer, LayerSpec};
 use crate::log_writer::{LogOptions, LogWriter, WriteError};
 use schemas::calibration::CameraModel;
 use schemas::msg::{
-    CameraInfo, Category, CategoryTable, CompressedImage, Header, Image, Point, Pose, PoseStamped, Quaternion, Segment,
-    SegmentTable, TFMessage, Transform, TransformStamped, Vector3, encoding,
+    CameraInfo, CompressedImage, Header, Image, Point, Pose, PoseStamped, Quaternion, TFMessage, Transform,
+    TransformStamped, Vector3, encoding,
 };
 use schemas::stereo::StereoModel;
-use schemas::topics::{self, LayerTopics, frame};
-use schemas::{Stamp, metadata, pairing, panoptic};
+use schemas::topics::{self, frame};
+use schemas::{Stamp, metadata, pairing};
+use segment::Mask;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -64,42 +66,6 @@ pub enum Beside {
     Nothing,
 }
 
-/// A segmentation layer.
-#[derive(Debug, Clone)]
-pub struct LayerSpec {
-    /// Name in the topics, usually [`topics::DEFAULT_LAYER`].
-    pub name: String,
-    /// Where the labels come from, in words (network and weights, or data set).
-    pub origin: String,
-    /// All categories; ids above 0, each once. Written in ascending order.
-    pub categories: Vec<Category>,
-}
-
-/// Labels of one picture, rows joined; see [`panoptic`] for void.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Mask {
-    /// Category id a pixel, 0 = void.
-    pub class: Vec<u16>,
-    /// Segment id a pixel, 0 = void.
-    pub instance: Vec<u16>,
-    /// The segments, ids ascending.
-    pub segments: Vec<Segment>,
-}
-
-struct Layer {
-    topics: LayerTopics,
-    name: String,
-    categories: Vec<Category>,
-    announced: bool,
-}
-
-impl Layer {
-    /// `mono8` as long as every class id fits.
-    fn class_encoding(&self) -> &'static str {
-        if self.categories.iter().all(|c| c.id <= u16::from(u8::MAX)) { encoding::MONO8 } else { encoding::MONO16 }
-    }
-}
-
 /// An open log of a camera. Calls come in order of their stamps.
 pub struct RgbdLog {
     log: LogWriter,
@@ -121,10 +87,11 @@ impl RgbdLog {
             return Err(WriteError::Invalid("the stereo camera's left camera is not the log's camera".to_owned()));
         }
         check_units(&spec.depth_units_per_metre)?;
-        let layers = spec.layers.iter().map(check_layer).collect::<Result<Vec<_>, _>>()?;
-        if let Some(twice) = (1..layers.len()).find(|i| layers[..*i].iter().any(|layer| layer.name == layers[*i].name))
+        let layers = spec.layers.iter().map(Layer::new).collect::<Result<Vec<_>, _>>()?;
+        if let Some(twice) =
+            (1..layers.len()).find(|i| layers[..*i].iter().any(|layer| layer.name() == layers[*i].name()))
         {
-            return Err(WriteError::Invalid(format!("layer name {} is used twice", layers[twice].name)));
+            return Err(WriteError::Invalid(format!("layer name {} is used twice", layers[twice].name())));
         }
         let mut log = LogWriter::create(path, options)?;
         write_spec(&mut log, spec, &layers)?;
@@ -199,30 +166,7 @@ impl RgbdLog {
         let Some(layer) = self.layers.get_mut(layer) else {
             return Err(WriteError::Invalid(format!("layer {layer} is not in the log's specification")));
         };
-        let header = Header::new(stamp, frame::CAMERA)?;
-        if !layer.announced {
-            let categories = layer.categories.clone();
-            let table = CategoryTable { header: header.clone(), layer: layer.name.clone(), categories };
-            self.log.write(&layer.topics.categories, stamp, &table)?;
-            self.log.write(&layer.topics.label_info, stamp, &panoptic::label_info(&table))?;
-            layer.announced = true;
-        }
-        let width = self.camera.width;
-        let class_bytes: Vec<u8>;
-        let class = if layer.class_encoding() == encoding::MONO8 {
-            let ids = mask.class.iter().map(|id| u8::try_from(*id));
-            let unknown =
-                |_| WriteError::Invalid(format!("mask at {stamp} s has class ids outside the category table"));
-            class_bytes = ids.collect::<Result<_, _>>().map_err(unknown)?;
-            Image::from_u8(header.clone(), encoding::MONO8, width, &class_bytes)
-        } else {
-            Image::from_u16(header.clone(), encoding::MONO16, width, &mask.class)
-        };
-        self.log.write(&layer.topics.class, stamp, &class)?;
-        let instance = Image::from_u16(header.clone(), encoding::MONO16, width, &mask.instance);
-        self.log.write(&layer.topics.instance, stamp, &instance)?;
-        let table = SegmentTable { header, layer: layer.name.clone(), segments: mask.segments.clone() };
-        self.log.write(&layer.topics.segments, stamp, &table)
+        layer.write(&mut self.log, (stamp, stamp), self.camera.width, mask)
     }
 
     /// The log underneath, for further topics, metadata, attachments and flushing.
@@ -269,24 +213,6 @@ fn check_units(text: &str) -> Result<(), WriteError> {
     }
 }
 
-fn check_layer(spec: &LayerSpec) -> Result<Layer, WriteError> {
-    if !topics::is_layer_name(&spec.name) {
-        let name = &spec.name;
-        return Err(WriteError::Invalid(format!("layer name `{name}` must be letters, digits and _, a letter first")));
-    }
-    let mut categories = spec.categories.clone();
-    categories.sort_by_key(|category| category.id);
-    let duplicate = categories.windows(2).find(|pair| pair[0].id == pair[1].id).map(|pair| pair[0].id);
-    let reserved = categories.first().filter(|category| category.id == panoptic::VOID_CLASS).map(|_| 0);
-    if let Some(id) = duplicate.or(reserved) {
-        let name = &spec.name;
-        return Err(WriteError::Invalid(format!(
-            "layer {name}: category id {id} is used twice or is 0, which is void: give each category its own id from 1"
-        )));
-    }
-    Ok(Layer { topics: LayerTopics::new(&spec.name), name: spec.name.clone(), categories, announced: false })
-}
-
 /// Metadata that a reader needs before the first message.
 fn write_spec(log: &mut LogWriter, spec: &RgbdSpec, layers: &[Layer]) -> Result<(), WriteError> {
     let table = |entries: &[(&str, &str)]| -> BTreeMap<String, String> {
@@ -320,9 +246,8 @@ fn write_spec(log: &mut LogWriter, spec: &RgbdSpec, layers: &[Layer]) -> Result<
     let pairing =
         [(metadata::TOLERANCE_NS, tolerance.as_str()), ("rule", "closest first, each stamp once, strictly nearer")];
     log.metadata(metadata::PAIRING, table(&pairing))?;
-    for (layer, LayerSpec { name, origin, .. }) in layers.iter().zip(&spec.layers) {
-        let values = [("origin", origin.as_str()), ("void", "0"), ("class_encoding", layer.class_encoding())];
-        log.metadata(&format!("{}{name}", metadata::SEGMENTATION_PREFIX), table(&values))?;
+    for (layer, LayerSpec { origin, .. }) in layers.iter().zip(&spec.layers) {
+        log.metadata(&layer.record_name(), layer.record(origin))?;
     }
     Ok(())
 }

@@ -1,6 +1,6 @@
 //! Everything that reads a log: reader and timeline ([`log`]), the deterministic replay with its proofs ([`run`]),
-//! evaluation against ground truth ([`eval`]), plots ([`plot`]), pages about runs ([`report`](mod@report)), other programs'
-//! folders ([`export`]), and folders to publish ([`card`]).
+//! evaluation against ground truth ([`eval`]), of labels against others ([`masks`]), plots ([`plot`]), pages about runs
+//! ([`report`](mod@report)), other programs' folders ([`export`]), and folders to publish ([`card`]).
 
 pub mod card;
 pub mod eval;
@@ -8,6 +8,7 @@ pub mod export;
 #[cfg(feature = "rerun")]
 pub mod inspect;
 pub mod log;
+pub mod masks;
 mod output;
 pub mod plot;
 pub mod report;

@@ -200,7 +200,7 @@ fn a_changed_mask_is_named_by_frame_stage_and_field() {
     run(&log, &out, &with_threads(1));
     let report = diff(whole, &out).unwrap();
     let first = report.first.clone().unwrap();
-    assert_eq!((first.frame, first.stage, first.field.as_str()), (Some(5), Some("regions"), "cells"), "{report}");
+    assert_eq!((first.frame, first.stage, first.field.as_str()), (Some(5), Some("features"), "keypoints"), "{report}");
     assert_eq!(report.equal_frames, 5);
     assert_ne!(first.values[0], first.values[1]);
     assert!(report.to_string().contains("5 frames are the same, then frame 5 at "), "{report}");

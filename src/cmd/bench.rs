@@ -14,7 +14,7 @@ pub struct Bench {
     #[arg(required_unless_present = "synthetic_hours")]
     log: Option<PathBuf>,
     /// Instead of a log: this many hours at 30 Hz of a small rendered room, run through forth and back.
-    #[arg(long, value_name = "H", conflicts_with_all = ["log", "frames", "layer"])]
+    #[arg(long, value_name = "H", conflicts_with_all = ["log", "frames", "segmentation"])]
     synthetic_hours: Option<f64>,
     #[command(flatten)]
     how: How,

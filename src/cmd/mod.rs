@@ -1,5 +1,6 @@
 //! One file a subcommand.
 
+mod annotate;
 mod bench;
 mod board;
 #[cfg(feature = "opencv")]
@@ -13,10 +14,12 @@ mod devices;
 mod diff;
 mod edit;
 mod eval;
+mod eval_masks;
 mod export;
 mod import;
 mod info;
 mod man;
+mod models;
 mod record;
 mod recover;
 mod replay;
@@ -78,6 +81,10 @@ pub enum Command {
     Eval(eval::Eval),
     /// Write a run as one page of HTML: path, errors, verdicts, pictures; it needs no network and no other file.
     Report(report::Report),
+    /// Label a log's pictures with networks, or add ready labels: a new segmentation layer.
+    Annotate(annotate::Annotate),
+    /// Judge a segmentation layer by another one: panoptic quality, and what becomes of people.
+    EvalMasks(eval_masks::EvalMasks),
     /// Measure how fast a replay is, stage by stage.
     Bench(bench::Bench),
     /// Run many logs with several configurations and print the tables.
@@ -124,6 +131,8 @@ impl Command {
             Self::Calibrate(command) => command.run(progress),
             Self::Eval(command) => command.run(),
             Self::Report(command) => command.run(progress),
+            Self::Annotate(command) => command.run(progress),
+            Self::EvalMasks(command) => command.run(),
             Self::Bench(command) => command.run(progress),
             Self::Suite(command) => command.run(progress),
             Self::Sim(command) => command.run(),

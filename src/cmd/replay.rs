@@ -45,8 +45,8 @@ pub struct How {
     #[arg(long, value_name = "A..B", value_parser = frames)]
     frames: Option<Range<usize>>,
     /// Segmentation layer to use; default: the log's.
-    #[arg(long, value_name = "NAME")]
-    layer: Option<String>,
+    #[arg(long, alias = "layer", value_name = "NAME")]
+    segmentation: Option<String>,
     /// What to use of the log, whatever the configuration says: rgbd, stereo or monocular; default: depth images if
     /// there are any, else right pictures if there are any, else one picture at a time.
     #[arg(long, value_name = "KIND", value_parser = sensor)]
@@ -65,7 +65,7 @@ impl How {
             config_name: self.choice.name(),
             frames: self.frames,
             threads: usize::from(self.threads),
-            layer: self.layer,
+            layer: self.segmentation,
             ..ReplayOptions::default()
         })
     }

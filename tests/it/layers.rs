@@ -6,16 +6,17 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Folder, package, and the packages of this workspace that it may depend on.
-const CRATES: [(&str, &str, &[&str]); 9] = [
+const CRATES: [(&str, &str, &[&str]); 10] = [
     ("schemas", "schemas", &[]),
     ("slam/math", "slam-math", &[]),
     ("slam/vision", "slam-vision", &["slam-math"]),
     ("slam/optimize", "slam-optimize", &["slam-math"]),
     ("slam", "slam", &["slam-math", "slam-vision", "slam-optimize"]),
     ("fixtures", "fixtures", &["slam-math"]),
-    ("recorder", "recorder", &["schemas", "slam-math"]),
+    ("recorder/segment", "segment", &["schemas"]),
+    ("recorder", "recorder", &["schemas", "segment", "slam-math"]),
     ("replayer/rrd", "rrd", &[]),
-    ("replayer", "replayer", &["schemas", "slam", "slam-math", "slam-vision", "rrd"]),
+    ("replayer", "replayer", &["schemas", "segment", "slam", "slam-math", "slam-vision", "rrd"]),
 ];
 
 /// Rooms inside `slam`, lower ones first. Rooms of one row do not know each other, but for the first row, which is the

@@ -6,7 +6,7 @@ use crate::picture::Packing;
 /// How colour is packed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Encoding {
-    /// Compressed as long as that keeps up with the camera, see [`Effort::look`].
+    /// Compressed as long as that keeps up with the camera, see `Effort::look`.
     #[default]
     Auto,
     /// Always compressed, PNG.

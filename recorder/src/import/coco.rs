@@ -2,7 +2,7 @@
 
 use super::{ImportError, PanopticSource, Repairs, read_file};
 use crate::picture::decode_rgb8;
-use crate::rgbd::{LayerSpec, Mask};
+use crate::{LayerSpec, Mask};
 use schemas::msg::{Category, SCORE_UNKNOWN, Segment};
 use schemas::panoptic::{VOID_CLASS, VOID_INSTANCE};
 use schemas::topics;
@@ -95,6 +95,11 @@ impl Labels {
     /// The annotation of a picture, by its name without folder and extension.
     pub fn find(&self, picture: &str) -> Option<usize> {
         self.by_stem.get(stem(picture)).copied()
+    }
+
+    /// Names of pictures without folder and extension, with their annotation.
+    pub fn stems(&self) -> Vec<(String, usize)> {
+        self.by_stem.iter().map(|(stem, index)| (stem.clone(), *index)).collect()
     }
 
     /// Annotations in the file.

@@ -13,6 +13,7 @@ mod sequence;
 mod tum;
 
 pub use bag::{BagOptions, TopicReport, rosbag2};
+pub(crate) use coco::Labels;
 pub use euroc::{EurocOptions, TruthOf, euroc};
 pub use kitti::{KittiOptions, kitti};
 pub use plain::png;
@@ -322,7 +323,7 @@ fn read_text(path: &Path, hint: &str) -> Result<String, ImportError> {
 
 /// Counts what was repaired, by description.
 #[derive(Debug, Default)]
-struct Repairs(BTreeMap<String, u64>);
+pub(crate) struct Repairs(BTreeMap<String, u64>);
 
 impl Repairs {
     fn count(&mut self, what: &str) {

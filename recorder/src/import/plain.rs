@@ -10,7 +10,7 @@ use super::sequence::{ImuRow, read_picture};
 use super::{ImportError, Repairs, read_file, read_text};
 use crate::log_writer::LogOptions;
 use crate::picture::decode_gray16;
-use crate::rgbd::{Beside, LayerSpec, Mask, RgbdLog, RgbdSpec};
+use crate::{Beside, LayerSpec, Mask, RgbdLog, RgbdSpec};
 use schemas::calibration::CameraModel;
 use schemas::msg::{CameraInfo, Category, Header, Segment};
 use schemas::stereo::StereoModel;

@@ -22,7 +22,7 @@ mod timeline;
 pub use check::{CheckReport, Finding, Severity, check};
 pub(crate) use container::{Event, scan};
 pub use decode::{DecodeError, DecodedFrame, DepthPixels, MaskPixels, RgbImage, decode};
-pub(crate) use decode::{color as color_pixels, mask as mask_pixels};
+pub(crate) use decode::{color as color_pixels, mask as mask_pixels, mask_of};
 pub use error::LogError;
 pub use info::{AttachmentInfo, GroundTruthInfo, LayerInfo, LogInfo, TopicInfo};
 pub use open::Log;

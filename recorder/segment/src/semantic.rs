@@ -1,0 +1,98 @@
+//! Networks that give scores a class and pixel.
+
+use crate::compose::Stuff;
+use crate::description::Model;
+use crate::grid::{Between, on_grid};
+use crate::tensor::argmax;
+use crate::{Placement, Tensor};
+
+/// Each pixel's category; none where its class is ignored, or where a person is too likely. Channels of one category are one.
+pub fn stuff(
+    model: &Model,
+    scores: &Tensor,
+    placement: &Placement,
+    (width, height): (usize, usize),
+) -> Result<Stuff, String> {
+    let Some([classes, rows, columns]) = scores.extents() else {
+        return Err(format!("output has shape {:?}; a semantic model gives [1, classes, h, w]", scores.shape));
+    };
+    let described = model.channels.iter().map(|channel| channel.index).chain(model.description.classes.person.clone());
+    if let Some(index) = described.into_iter().find(|index| *index >= classes) {
+        return Err(format!("has {classes} classes, but class {index} is described"));
+    }
+    let input = &model.description.input;
+    let align = model.description.output.align_corners;
+    let axis = |axis: usize, pixels: usize, input: usize, points: usize| -> Vec<Between> {
+        let place = |at: usize| on_grid(placement.to_input(axis, at as f32), input, points, align);
+        (0..pixels).map(|at| Between::new(place(at), points)).collect()
+    };
+    let (xs, ys) = (axis(0, width, input.width, columns), axis(1, height, input.height, rows));
+    let mut labels = vec![0_u16; classes];
+    let mut categories: Vec<u16> = model.channels.iter().map(|channel| channel.category.id).collect();
+    categories.sort_unstable();
+    categories.dedup();
+    for channel in &model.channels {
+        labels[channel.index] = categories.partition_point(|id| *id < channel.category.id) as u16 + 1;
+    }
+    let cells = Cells { scores: &scores.data, classes, columns, rows, person: &model.description.classes.person };
+    let margin = model.description.merge.person_margin;
+    let mut found = Vec::with_capacity(width * height);
+    for y in &ys {
+        let mut cell = None;
+        for x in &xs {
+            if cell.as_ref().is_none_or(|(low, high, _)| (*low, *high) != (x.low, x.high)) {
+                cell = Some((x.low, x.high, cells.rivals([x.low, x.high], [y.low, y.high])));
+            }
+            let rivals = cell.as_ref().map_or(&[][..], |(.., rivals)| rivals);
+            found.push(label(rivals, *x, *y, margin).map_or(0, |class| labels[class]));
+        }
+    }
+    Ok(Stuff { labels: found, categories, least_area: model.description.merge.stuff_area })
+}
+
+/// A class that may win somewhere in a cell, with its scores at the four corners.
+struct Rival {
+    class: usize,
+    is_person: bool,
+    corners: [f32; 4],
+}
+
+struct Cells<'a> {
+    scores: &'a [f32],
+    classes: usize,
+    columns: usize,
+    rows: usize,
+    person: &'a [usize],
+}
+
+impl Cells<'_> {
+    /// The classes that may win between these grid points: those that no winner of a corner beats at all four (which would
+    /// beat them everywhere between), and people. It saves interpolating all 150 classes at each pixel.
+    fn rivals(&self, xs: [usize; 2], ys: [usize; 2]) -> Vec<Rival> {
+        let plane = self.columns * self.rows;
+        let corners = [(xs[0], ys[0]), (xs[1], ys[0]), (xs[0], ys[1]), (xs[1], ys[1])];
+        let corners = corners.map(|(x, y)| y * self.columns + x);
+        let scores = |class: usize| corners.map(|at| self.scores[class * plane + at]);
+        let winners = corners.map(|at| argmax((0..self.classes).map(|class| self.scores[class * plane + at])));
+        let winners = winners.map(|winner| winner.map(|(class, _)| class));
+        let beaten = |class: usize| {
+            let own = scores(class);
+            let beats = |winner: usize| winner != class && scores(winner).iter().zip(own).all(|(w, o)| *w >= o);
+            winners.iter().flatten().any(|winner| beats(*winner) && !winners.contains(&Some(class)))
+        };
+        let rival = |class: usize| Rival { class, is_person: self.person.contains(&class), corners: scores(class) };
+        (0..self.classes).filter(|class| self.person.contains(class) || !beaten(*class)).map(rival).collect()
+    }
+}
+
+/// The class of one pixel; none where a person's score is within `margin` of the best.
+fn label(rivals: &[Rival], x: Between, y: Between, margin: f32) -> Option<usize> {
+    let score = |rival: &Rival| {
+        let [a, b, c, d] = rival.corners;
+        y.mix(x.mix(a, b), x.mix(c, d))
+    };
+    let scores = || rivals.iter().map(score);
+    let (place, best) = argmax(scores())?;
+    let person = rivals.iter().zip(scores()).any(|(rival, score)| rival.is_person && score >= best - margin);
+    (!person).then(|| rivals[place].class)
+}

@@ -1,0 +1,8 @@
+//! Descriptions, composition and judges on models small enough to work out by hand; with the features `rten` and `ort` the
+//! models are really run.
+
+#[cfg(feature = "rten")]
+mod onnx;
+mod quality;
+#[cfg(feature = "rten")]
+mod run;
