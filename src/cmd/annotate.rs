@@ -101,7 +101,7 @@ impl Annotate {
             done.push(Done { log: log.clone(), out, annotated, seconds, pictures_per_second, cpu_ms_per_picture: cpu });
         }
         let report = Report { labeller: options.layer.origin, threads: threads.get(), logs: done };
-        stdout::either(self.json, &report)?;
+        stdout::either(self.json, "annotate/1", &report)?;
         Ok(Outcome::Good)
     }
 

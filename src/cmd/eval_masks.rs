@@ -27,7 +27,7 @@ impl EvalMasks {
     pub(super) fn run(self) -> anyhow::Result<Outcome> {
         let truth_log = self.truth_log.as_ref().unwrap_or(&self.log);
         let report = compare_layers((&self.log, &self.layer), (truth_log, &self.truth))?;
-        stdout::either(self.json, &report)?;
+        stdout::either(self.json, "eval-masks/1", &report)?;
         Ok(Outcome::Good)
     }
 }

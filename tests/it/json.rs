@@ -10,7 +10,8 @@ use std::fs;
 use std::path::Path;
 
 /// Forms that need a device, a feature, or minutes; their sections are written from the code.
-const NOT_RUN: [&str; 6] = ["calibrate/1", "demo/1", "devices/1", "import-realsense/1", "import-sequence/1", "sync/1"];
+const NOT_RUN: [&str; 7] =
+    ["annotate/1", "calibrate/1", "demo/1", "devices/1", "import-realsense/1", "import-sequence/1", "sync/1"];
 
 /// Documented fields and their types, by schema.
 fn documented() -> BTreeMap<String, BTreeMap<String, String>> {
@@ -178,6 +179,7 @@ fn cases(folder: &Path) -> Vec<String> {
         vec!["filter", &log, "-n", "/camera/.*", "-o", &edited],
         vec!["compress", &log, "--level", "3", "-o", &edited, "--dry-run"],
         vec!["redact", &log, "-o", &redacted],
+        vec!["eval-masks", &log, "--layer", "panoptic", "--truth", "panoptic"],
         [&RECORD[..], &["-o", &recorded]].concat(),
     ];
     let run = |arguments: &Vec<&str>| {
