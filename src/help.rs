@@ -11,7 +11,7 @@ pub const GROUPS: [(&str, &[&str]); 7] = [
     ("Look at a log", &["info", "check", "recover"]),
     ("Change and share a log", &["annotate", "slice", "merge", "filter", "compress", "redact", "export", "card"]),
     ("Run the SLAM", &["replay", "config", "bench", "suite"]),
-    ("Judge a run", &["eval", "report", "verify", "diff"]),
+    ("Judge a run", &["eval", "eval-masks", "report", "verify", "diff"]),
     ("Set up", &["completions", "man"]),
 ];
 
