@@ -155,13 +155,24 @@ pub struct Merge {
     pub thing_area: u32,
     /// Least pixels of stuff in a picture.
     pub stuff_area: u32,
+    /// `semantic`: a pixel is void, not stuff, where its logit is less than this above that of some ignored channel: ln 9 = 2.2
+    /// means odds of nine to one.
+    pub stuff_margin: f32,
     /// `semantic`: a pixel is void, not stuff, where a person's logit is less than this below the best one.
     pub person_margin: f32,
 }
 
 impl Default for Merge {
     fn default() -> Self {
-        Self { score: 0.5, iou: 0.6, visible: 0.5, thing_area: 200, stuff_area: 2000, person_margin: 0.0 }
+        Self {
+            score: 0.5,
+            iou: 0.6,
+            visible: 0.5,
+            thing_area: 200,
+            stuff_area: 2000,
+            stuff_margin: 0.0,
+            person_margin: 0.0,
+        }
     }
 }
 
@@ -277,11 +288,11 @@ impl Description {
         if self.kind == Kind::Semantic && !self.classes.thing.is_empty() {
             return say("a semantic network has stuff only: it cannot tell things apart");
         }
-        let Merge { score, iou, visible, person_margin, .. } = self.merge;
+        let Merge { score, iou, visible, stuff_margin, person_margin, .. } = self.merge;
         if ![score, iou, visible].iter().all(|part| (0.0..=1.0).contains(part))
-            || !(0.0..=f32::MAX).contains(&person_margin)
+            || ![stuff_margin, person_margin].iter().all(|margin| (0.0..=f32::MAX).contains(margin))
         {
-            return say("merge: score, iou and visible are 0 to 1, person_margin is not negative");
+            return say("merge: score, iou and visible are 0 to 1, margins are not negative");
         }
         Ok(())
     }

@@ -34,8 +34,14 @@ pub fn stuff(
     for channel in &model.channels {
         labels[channel.index] = categories.partition_point(|id| *id < channel.category.id) as u16 + 1;
     }
-    let cells = Cells { scores: &scores.data, classes, columns, rows, person: &model.description.classes.person };
-    let margin = model.description.merge.person_margin;
+    let merge = &model.description.merge;
+    let margin = |class: usize| {
+        let is_person = model.description.classes.person.contains(&class) && merge.person_margin > merge.stuff_margin;
+        let margin = if is_person { merge.person_margin } else { merge.stuff_margin };
+        (labels[class] == 0).then_some(margin)
+    };
+    let margins: Vec<Option<f32>> = (0..classes).map(margin).collect();
+    let cells = Cells { scores: &scores.data, columns, rows, margins: &margins };
     let mut found = Vec::with_capacity(width * height);
     for y in &ys {
         let mut cell = None;
@@ -44,55 +50,57 @@ pub fn stuff(
                 cell = Some((x.low, x.high, cells.rivals([x.low, x.high], [y.low, y.high])));
             }
             let rivals = cell.as_ref().map_or(&[][..], |(.., rivals)| rivals);
-            found.push(label(rivals, *x, *y, margin).map_or(0, |class| labels[class]));
+            found.push(label(rivals, *x, *y).map_or(0, |class| labels[class]));
         }
     }
-    Ok(Stuff { labels: found, categories, least_area: model.description.merge.stuff_area })
+    Ok(Stuff { labels: found, categories, least_area: merge.stuff_area })
 }
 
-/// A class that may win somewhere in a cell, with its scores at the four corners.
+/// A class that may win or object somewhere in a cell, with its scores at the four corners.
 struct Rival {
     class: usize,
-    is_person: bool,
+    /// How far it must be behind for another class to win; none for stuff.
+    margin: Option<f32>,
     corners: [f32; 4],
 }
 
 struct Cells<'a> {
     scores: &'a [f32],
-    classes: usize,
     columns: usize,
     rows: usize,
-    person: &'a [usize],
+    /// By class, as in [`Rival`].
+    margins: &'a [Option<f32>],
 }
 
 impl Cells<'_> {
-    /// The classes that may win between these grid points: those that no winner of a corner beats at all four (which would
-    /// beat them everywhere between), and people. It saves interpolating all 150 classes at each pixel.
+    /// The classes that may win or object between these grid points: all but those that a winner of a corner leaves behind by
+    /// their margin at all four (and so everywhere between). It saves interpolating all 150 classes at each pixel.
     fn rivals(&self, xs: [usize; 2], ys: [usize; 2]) -> Vec<Rival> {
         let plane = self.columns * self.rows;
         let corners = [(xs[0], ys[0]), (xs[1], ys[0]), (xs[0], ys[1]), (xs[1], ys[1])];
         let corners = corners.map(|(x, y)| y * self.columns + x);
         let scores = |class: usize| corners.map(|at| self.scores[class * plane + at]);
-        let winners = corners.map(|at| argmax((0..self.classes).map(|class| self.scores[class * plane + at])));
+        let classes = self.margins.len();
+        let winners = corners.map(|at| argmax((0..classes).map(|class| self.scores[class * plane + at])));
         let winners = winners.map(|winner| winner.map(|(class, _)| class));
-        let beaten = |class: usize| {
-            let own = scores(class);
-            let beats = |winner: usize| winner != class && scores(winner).iter().zip(own).all(|(w, o)| *w >= o);
-            winners.iter().flatten().any(|winner| beats(*winner) && !winners.contains(&Some(class)))
+        let left_behind = |class: usize| {
+            let (own, margin) = (scores(class), self.margins[class].unwrap_or(0.0));
+            let beats = |winner: usize| scores(winner).iter().zip(own).all(|(w, o)| *w >= o + margin);
+            !winners.contains(&Some(class)) && winners.iter().flatten().any(|winner| beats(*winner))
         };
-        let rival = |class: usize| Rival { class, is_person: self.person.contains(&class), corners: scores(class) };
-        (0..self.classes).filter(|class| self.person.contains(class) || !beaten(*class)).map(rival).collect()
+        let rival = |class: usize| Rival { class, margin: self.margins[class], corners: scores(class) };
+        (0..classes).filter(|class| !left_behind(*class)).map(rival).collect()
     }
 }
 
-/// The class of one pixel; none where a person's score is within `margin` of the best.
-fn label(rivals: &[Rival], x: Between, y: Between, margin: f32) -> Option<usize> {
+/// The class of one pixel; none where another one that is no stuff is too near behind it.
+fn label(rivals: &[Rival], x: Between, y: Between) -> Option<usize> {
     let score = |rival: &Rival| {
         let [a, b, c, d] = rival.corners;
         y.mix(x.mix(a, b), x.mix(c, d))
     };
     let scores = || rivals.iter().map(score);
     let (place, best) = argmax(scores())?;
-    let person = rivals.iter().zip(scores()).any(|(rival, score)| rival.is_person && score >= best - margin);
-    (!person).then(|| rivals[place].class)
+    let objects = |(rival, score): (&Rival, f32)| rival.margin.is_some_and(|margin| score > best - margin);
+    (!rivals.iter().zip(scores()).any(objects)).then(|| rivals[place].class)
 }
