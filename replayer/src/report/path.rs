@@ -42,6 +42,9 @@ impl Paths<'_> {
         }
         match self.evaluation {
             Some(evaluation) => {
+                if evaluation.pairs < evaluation.estimated_poses {
+                    key("estimate without truth".to_owned(), "var(--ink)");
+                }
                 let step = evaluation.ate_m.max / ERRORS.len() as f64;
                 for (i, color) in ERRORS.iter().enumerate() {
                     key(format!("error up to {}", length(step * (i + 1) as f64)), color);
@@ -122,6 +125,8 @@ impl Paths<'_> {
         match self.evaluation {
             None => panel.curve(svg, &runs(poses, value), "var(--s1)", 2.2),
             Some(evaluation) => {
+                // What has no truth beside it shows from below.
+                panel.curve(svg, &runs(poses, value), theme.ink, 1.0);
                 for (level, color) in ERRORS.iter().enumerate() {
                     panel.curve(svg, &self.pieces(evaluation, level, limit, value), color, 2.6);
                 }
