@@ -1,7 +1,7 @@
 //! A run as one page of HTML that needs nothing else: no network, no other file, no script to be read.
 //!
 //! The numbers are those of [`crate::eval`] and of the run's records. Pictures and verdicts come from going through the
-//! run again with its log ([`Retrace`](crate::run::Retrace)); without the log the page has the rest. The same run gives the
+//! run again with its log ([`Retrace`]); without the log the page has the rest. The same run gives the
 //! same bytes: the only times on the page are those that the run, or a file of `pslam bench`, brought along.
 
 mod chart;
