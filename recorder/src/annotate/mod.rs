@@ -1,6 +1,6 @@
 //! One more segmentation layer for a log.
 //!
-//! First every colour picture is labelled (`label`, pictures in parallel, results in order) into a [journal] beside the new
+//! First every colour picture is labelled (`label`, pictures in parallel, results in order) into a journal beside the new
 //! log, then the log is rewritten with the labels in it. What an interrupted run had labelled is taken from the journal
 //! by the next one, picture by picture, if it was made from the same pixels in the same way.
 
