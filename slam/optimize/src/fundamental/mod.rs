@@ -77,7 +77,7 @@ pub fn fundamental_ransac(
     let degenerate = homography::explains(&supported, options.threshold_px, options.homography_share);
     let mut inlier = vec![false; pixels_last.len()];
     for (&i, m) in index.iter().zip(&matches) {
-        inlier[i] = sampson_distance(&best.matrix, m.last, m.current) <= options.threshold_px;
+        inlier[i] = is_inlier(&best.matrix, m, options.threshold_px);
     }
     Some(Fundamental { matrix: best.matrix, inlier, inliers: supported.len(), degenerate })
 }
@@ -148,8 +148,12 @@ fn refine(model: Model, matches: &[Match], threshold_px: f64) -> Model {
 
 /// Matches within a Sampson distance, pixels.
 fn inliers(matrix: &Matrix3<f64>, matches: &[Match], threshold_px: f64) -> Vec<Match> {
-    let limit = threshold_px * threshold_px;
-    matches.iter().filter(|m| sampson_squared(matrix, m.last, m.current) <= limit).copied().collect()
+    matches.iter().filter(|m| is_inlier(matrix, m, threshold_px)).copied().collect()
+}
+
+/// The one rule, on squares: rounding would let roots differ from it at the threshold.
+fn is_inlier(matrix: &Matrix3<f64>, m: &Match, threshold_px: f64) -> bool {
+    sampson_squared(matrix, m.last, m.current) <= threshold_px * threshold_px
 }
 
 /// Distance of `current` from the epipolar line of `last`, pixels in the current image (the paper's equation 3, absolute).
