@@ -4,6 +4,7 @@ use super::Work;
 use super::step::Step;
 use slam_math::MapPointId;
 
+use crate::config::Rule;
 use crate::context::Context;
 use crate::input::FrameInput;
 use crate::map::MapEdit;
@@ -27,7 +28,12 @@ impl Step<'_> {
 
     /// Lets Stuff alone decide about the pose under which motion is judged, where there is enough of it (as in the paper,
     /// whose F comes from Stuff): an object that stood still and starts to move must not take the camera along.
+    /// Only where motion is judged by it: a configuration without filters knows no labels, and the paper's has F.
     fn settle_on_stuff(&mut self, filter: &FrameFilter) {
+        let p = &self.ctx.config.panoptic;
+        if p.rule == Rule::Paper || !(p.things || p.unknown) {
+            return;
+        }
         let mut stuff = self.frame.clone();
         for (point, class) in stuff.points.iter_mut().zip(&filter.class) {
             *point = point.filter(|_| *class == KeypointClass::Stuff);
