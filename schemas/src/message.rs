@@ -167,6 +167,10 @@ const DEFINITIONS: &[(&str, &str)] = &[
         "std_msgs/Header header\nstring stream\nstring cause\nuint64 first_counter\nuint64 last_counter\nuint64 count\n",
     ),
     (
+        "panoptic_slam_msgs/msg/LabelRecord",
+        "std_msgs/Header header\nstring layer\nuint64 picture\nuint64 counter\nstring outcome\nint64 decided_ns\nint64 duration_ns\n",
+    ),
+    (
         "panoptic_slam_msgs/msg/ClockPair",
         "std_msgs/Header header\nint64 monotonic_ns\nint64 realtime_ns\nint64 step_ns\nint64 uncertainty_ns\n",
     ),

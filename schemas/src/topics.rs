@@ -60,6 +60,8 @@ pub const ACCEL_METADATA: &str = "/camera/accel/metadata";
 pub const EXTRINSICS: &str = "/camera/extrinsics";
 /// The same as [`crate::msg::TFMessage`] edges, for viewers.
 pub const TF_STATIC: &str = "/tf_static";
+/// What became of each picture that a network should label live, [`crate::msg::LabelRecord`].
+pub const LABELS: &str = "/recording/labels";
 /// Every loss, [`crate::msg::DropRecord`].
 pub const DROPS: &str = "/recording/drops";
 /// The host's clocks once a second, [`crate::msg::ClockPair`].
@@ -161,7 +163,7 @@ pub fn layer_of(topic: &str) -> Option<&str> {
 pub fn schema_name(topic: &str) -> Option<&'static str> {
     use crate::msg::{
         CameraInfo, CategoryTable, ClockPair, CompressedImage, DropRecord, Extrinsics, FrameMetadata, Image, Imu,
-        LabelInfo, LogEntry, MocapFrame, MotionIntrinsics, PoseStamped, SegmentTable, TFMessage,
+        LabelInfo, LabelRecord, LogEntry, MocapFrame, MotionIntrinsics, PoseStamped, SegmentTable, TFMessage,
     };
     match topic {
         GROUND_TRUTH => Some(PoseStamped::SCHEMA_NAME),
@@ -174,6 +176,7 @@ pub fn schema_name(topic: &str) -> Option<&'static str> {
         COLOR_METADATA | DEPTH_NATIVE_METADATA | GYRO_METADATA | ACCEL_METADATA => Some(FrameMetadata::SCHEMA_NAME),
         EXTRINSICS => Some(Extrinsics::SCHEMA_NAME),
         DROPS => Some(DropRecord::SCHEMA_NAME),
+        LABELS => Some(LabelRecord::SCHEMA_NAME),
         CLOCK => Some(ClockPair::SCHEMA_NAME),
         EVENTS => Some(LogEntry::SCHEMA_NAME),
         MOCAP => Some(MocapFrame::SCHEMA_NAME),

@@ -255,6 +255,13 @@ fn recording_messages_round_trip() {
     assert_eq!(FrameMetadata::decode(&metadata.encode()).unwrap(), metadata);
     let drops = DropRecord { stream: "color".to_owned(), cause: "queue".to_owned(), count: 2, ..DropRecord::default() };
     assert_eq!(DropRecord::decode(&drops.encode()).unwrap(), drops);
+    let label = LabelRecord {
+        layer: "network".to_owned(),
+        outcome: "late".to_owned(),
+        duration_ns: NOT_TOLD,
+        ..LabelRecord::default()
+    };
+    assert_eq!(LabelRecord::decode(&label.encode()).unwrap(), label);
     let entry = LogEntry { level: level::ERROR, name: "camera.lost".to_owned(), ..LogEntry::default() };
     assert_eq!(LogEntry::decode(&entry.encode()).unwrap(), entry);
     let pair = ClockPair { monotonic_ns: 1, step_ns: -1_000_000_000, ..ClockPair::default() };

@@ -39,6 +39,11 @@ pub enum Source {
 }
 
 impl Labeller {
+    /// Whether anything was chosen.
+    pub fn is_given(&self) -> bool {
+        !self.models.is_empty() || self.masks.is_some()
+    }
+
     /// Reads and loads what was chosen.
     ///
     /// # Errors

@@ -3,15 +3,14 @@
 //!
 //! A new command: print it with `stdout::either(json, "NAME/1", ..)`, add a section to docs/json.md, and a case here.
 
-use crate::support::{pslam, root, small_world, text, write_log};
+use crate::support::{pslam, root, small_world, text, write_log, write_masks};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 
 /// Forms that need a device, a feature, or minutes; their sections are written from the code.
-const NOT_RUN: [&str; 7] =
-    ["annotate/1", "calibrate/1", "demo/1", "devices/1", "import-realsense/1", "import-sequence/1", "sync/1"];
+const NOT_RUN: [&str; 6] = ["calibrate/1", "demo/1", "devices/1", "import-realsense/1", "import-sequence/1", "sync/1"];
 
 /// Documented fields and their types, by schema.
 fn documented() -> BTreeMap<String, BTreeMap<String, String>> {
@@ -154,6 +153,9 @@ fn cases(folder: &Path) -> Vec<String> {
     let [piece, edited, redacted] = ["piece.mcap", "edited.mcap", "redacted.mcap"].map(path);
     let [exported, again, card] = ["exported", "again.mcap", "card"].map(path);
     let [suite, suite_out] = ["suite.toml", "suite"].map(path);
+    let [masks, small_masks, labelled] = ["masks", "small_masks", "labelled.mcap"].map(path);
+    write_masks(Path::new(&masks), (320, 240), 12);
+    write_masks(Path::new(&small_masks), (160, 120), 90);
     write_tum(Path::new(&tum));
     fs::write(&suite, SUITE).unwrap();
     let commands: Vec<Vec<&str>> = vec![
@@ -180,7 +182,8 @@ fn cases(folder: &Path) -> Vec<String> {
         vec!["compress", &log, "--level", "3", "-o", &edited, "--dry-run"],
         vec!["redact", &log, "-o", &redacted],
         vec!["eval-masks", &log, "--layer", "panoptic", "--truth", "panoptic"],
-        [&RECORD[..], &["-o", &recorded]].concat(),
+        vec!["annotate", &log, "--masks", &masks, "-o", &labelled],
+        [&RECORD[..], &["--segment", "--masks", &small_masks, "-o", &recorded]].concat(),
     ];
     let run = |arguments: &Vec<&str>| {
         let output = pslam(&[arguments.as_slice(), &["--json"]].concat());

@@ -1,6 +1,6 @@
 //! `pslam record` as a process: told to stop, killed, refused.
 
-use crate::support::{pslam_exits, text};
+use crate::support::{pslam_exits, text, write_masks};
 use std::fs;
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
@@ -217,6 +217,48 @@ fn a_read_only_target_is_told_before_anything_else() {
 }
 
 #[test]
+fn labels_made_while_recording_are_what_a_replay_sees() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let (log, masks) = (at("a.mcap"), at("masks"));
+    // The masks of some pictures are missing, as those of a network that is too slow.
+    write_masks(&masks, (160, 120), 400);
+    (0..400)
+        .filter(|number| number % 3 == 1)
+        .for_each(|n| fs::remove_file(masks.join(format!("class/{n}.png"))).unwrap());
+    let asked = ["--segment", "--masks", text(&masks), "--segment-lag", "30", "--duration", "3", "--reserve", "1M"];
+    let output = crate::support::pslam(&[&SMALL[..], &asked, &["-o", text(&log)]].concat());
+    let last = String::from_utf8_lossy(&output.stdout).lines().last().unwrap().to_owned();
+    let verdict: serde_json::Value = serde_json::from_str(&last).unwrap();
+    let told = &verdict["segmentation"];
+    let number = |name: &str| told[name].as_u64().unwrap_or_else(|| panic!("no {name} in {last}"));
+    let outcomes = ["labelled", "skipped_busy", "skipped_late", "unlabelled", "failed", "ended"].map(number);
+    assert_eq!(outcomes.iter().sum::<u64>(), number("pictures"), "{told}");
+    assert!(number("labelled") > 0 && number("unlabelled") > 0 && number("failed") == 0, "{told}");
+    let count = counts(&log);
+    assert_eq!(count("/segmentation/network/class"), number("labelled"));
+    assert_eq!(count("/recording/labels"), number("pictures"));
+    let checked = pslam_exits(0, &["check", text(&log)]);
+    assert!(checked.contains("sound") && !checked.contains("stamp_goes_back"), "{checked}");
+    // A frame without labels is replayed as unknown, with a word in its report, and the same bits come again.
+    let run = |name: &str, threads: &str| {
+        pslam_exits(
+            0,
+            &["replay", text(&log), "-o", text(&at(name)), "--segmentation", "network", "--threads", threads],
+        );
+        let summary: serde_json::Value = serde_json::from_slice(&fs::read(at(name).join("run.json")).unwrap()).unwrap();
+        summary["fingerprint"].as_str().unwrap().to_owned()
+    };
+    assert_eq!(run("one", "1"), run("two", "2"));
+    pslam_exits(0, &["verify", text(&at("two"))]);
+    // The labels count: without them it is another run.
+    let none = at("none");
+    pslam_exits(0, &["filter", text(&log), "-n", "/segmentation/.*", "-o", text(&at("bare.mcap"))]);
+    pslam_exits(0, &["replay", text(&at("bare.mcap")), "-o", text(&none)]);
+    assert_eq!(crate::support::pslam(&["diff", text(&none), text(&at("one"))]).status.code(), Some(1));
+}
+
+#[test]
 fn requests_that_make_no_sense() {
     let folder = tempfile::tempdir().unwrap();
     let log = folder.path().join("a.mcap");
@@ -224,6 +266,9 @@ fn requests_that_make_no_sense() {
     pslam_exits(2, &["record", "--source", "none", "-o", out]);
     pslam_exits(2, &["record", "--source", "synthetic", "--color", "big", "-o", out]);
     pslam_exits(2, &["record", "--source", "synthetic", "--flush-interval", "1ms", "-o", out]);
+    pslam_exits(2, &["record", "--source", "synthetic", "--segment", "-o", out]);
+    pslam_exits(2, &["record", "--source", "synthetic", "--masks", text(folder.path()), "-o", out]);
+    pslam_exits(2, &["record", "--source", "synthetic", "--segment-lag", "0", "--segment", "-o", out]);
     pslam_exits(3, &["record", "--librealsense", "/nowhere.so", "-o", out]);
     pslam_exits(3, &[&SMALL[..], &["--duration", "1", "-o", "/nowhere/a.mcap"]].concat());
     fs::write(&log, b"something").unwrap();

@@ -60,6 +60,19 @@ pub fn write_log(world: &WorldConfig, path: &Path, edit: &mut dyn FnMut(&mut Ren
     synthetic::write_log(&world, "test", path, false, edit, &mut |_, _| {}).unwrap();
 }
 
+/// Ready labels for the first pictures of anything of this size, by number: a wall, and a cup that goes from left to right.
+pub fn write_masks(folder: &Path, (width, height): (u32, u32), count: u32) {
+    std::fs::create_dir_all(folder.join("class")).unwrap();
+    let categories = r#"[{"id": 1, "name": "wall"}, {"id": 2, "name": "cup", "isthing": 1}]"#;
+    std::fs::write(folder.join("categories.json"), categories).unwrap();
+    for number in 0..count {
+        let cup = number % (width / 2)..number % (width / 2) + width / 8;
+        let row: Vec<u16> = (0..width).map(|x| if cup.contains(&x) { 2 } else { 1 }).collect();
+        let png = recorder::picture::encode_gray16(width, height, &row.repeat(height as usize)).unwrap();
+        std::fs::write(folder.join(format!("class/{number}.png")), png).unwrap();
+    }
+}
+
 /// As text, for arguments.
 pub fn text(path: &Path) -> &str {
     path.to_str().unwrap()

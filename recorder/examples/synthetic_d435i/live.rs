@@ -48,6 +48,7 @@ pub fn record(out: &Path, plan: &Plan) -> Result<(), Box<dyn Error>> {
         allowed: Allowed::default(),
         limits: Limits::default(),
         onlookers: Vec::new(),
+        labelling: None,
         program: "synthetic_d435i".to_owned(),
         asked: [("findings".to_owned(), findings.join("; "))].into(),
     };

@@ -5,6 +5,7 @@ use super::disk::{folder_of, room_bytes};
 use super::effort::Encoding;
 use super::encode::Encoded;
 use super::inlet::{Allowed, Book, EndedBy, Inlet, Limits, Shared};
+use super::labelling::{LabelCounts, Labelling, Labels};
 use super::lane::Wait;
 use super::onlooker::Onlooker;
 use super::outbox::{Progress, Scribe, append, encode_all, sync_all};
@@ -19,6 +20,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{Scope, ScopedJoinHandle};
 use std::time::Duration;
 
 /// How to record.
@@ -44,6 +46,8 @@ pub struct RecordOptions {
     pub limits: Limits,
     /// Who looks on.
     pub onlookers: Vec<Arc<dyn Onlooker>>,
+    /// Who labels colour pictures meanwhile.
+    pub labelling: Option<Labelling>,
     /// Version of the writing program, as `pslam 0.1.0`.
     pub program: String,
     /// What was asked for, in words, for the log.
@@ -91,10 +95,11 @@ pub fn record(
     stop: &dyn Fn() -> bool,
     told: &mut dyn FnMut(&Status),
 ) -> Result<Verdict, RecordError> {
+    let labels = options.labelling.as_ref().map(Labels::new).transpose()?;
     let log = create(options)?;
     let start = clock.now();
     let host = HostTimeline::starting_at(start);
-    let shared = Arc::new(Shared::new(clock, host, options));
+    let shared = Arc::new(Shared::new(clock, host, options, labels));
     let progress = Mutex::new(Progress::default());
     let mut run =
         Run { options, shared: &shared, progress: &progress, watch: StepWatch::new(start), start, last: None };
@@ -149,6 +154,7 @@ impl Run<'_> {
             scope.spawn(move || sync_all(&file, &wake, shared));
             let encoders =
                 [&shared.color, &shared.depth, &shared.small].map(|lane| scope.spawn(|| encode_all(lane, shared)));
+            let labellers = start_labelling(scope, shared);
             let sources: Vec<_> = sources
                 .into_iter()
                 .map(|mut source| {
@@ -159,6 +165,8 @@ impl Run<'_> {
             self.watch_over(stop, told);
             // In the order of the flow: nothing that came in is lost on the way.
             sources.into_iter().for_each(|thread| drop(thread.join()));
+            shared.labels.iter().for_each(|labels| labels.end(shared.clock.now()));
+            labellers.into_iter().for_each(|thread| drop(thread.join()));
             [&shared.color, &shared.depth, &shared.small].into_iter().for_each(super::lane::Lane::close);
             encoders.into_iter().for_each(|thread| drop(thread.join()));
             shared.outbox.close();
@@ -193,6 +201,9 @@ impl Run<'_> {
         ]);
         recording.extend(options.asked.iter().map(|(key, value)| (format!("option/{key}"), value.clone())));
         self.shared.write_metadata(metadata::RECORDING, recording);
+        if let Some((name, values)) = self.shared.labels.as_ref().map(|labels| labels.record(false)) {
+            self.shared.write_metadata(name, values);
+        }
         self.shared.event(level::INFO, "recording.started", &options.program);
         self.clock_pair(self.start, 0);
     }
@@ -281,6 +292,7 @@ impl Run<'_> {
             room_s: (bytes_per_s > 0.0).then(|| room_bytes as f64 / bytes_per_s),
             clock: self.watch.health(),
             mocap: book.mocap,
+            segmentation: self.shared.labels.as_ref().map(Labels::counts),
             latency_p99_ms,
             happenings: book.untold(),
         };
@@ -312,6 +324,9 @@ impl Run<'_> {
         let finished = log.map(|mut log| {
             if let Some(setup) = setup {
                 append(&mut log, &setup.messages(self.shared.host.stamp(now))?)?;
+            }
+            if let Some((name, values)) = self.shared.labels.as_ref().map(|labels| labels.record(true)) {
+                log.metadata(&name, values)?;
             }
             self.synchronise(&mut log)?;
             log.metadata(metadata::VERDICT, record_of(&verdict))?;
@@ -347,7 +362,9 @@ impl Run<'_> {
 
     fn verdict(&self, now: Arrival, ended_by: EndedBy) -> Verdict {
         let book = self.shared.book();
-        let reasons = reasons(&book, &ended_by, self.options.duration.is_some());
+        let segmentation = self.shared.labels.as_ref().map(Labels::counts);
+        let mut reasons = reasons(&book, &ended_by, self.options.duration.is_some());
+        reasons.extend(segmentation.iter().filter_map(unlabelled));
         let streams = book.counts().into_iter().map(|(stream, counts)| StreamCounts { stream, counts }).collect();
         let progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
         Verdict {
@@ -360,6 +377,7 @@ impl Run<'_> {
             duration_s: book.first.map_or(0.0, |first| (self.shared.host.stamp(now).0 - first.0) as f64 / 1e9),
             streams,
             mocap: book.mocap,
+            segmentation,
             clock: self.watch.health(),
             latency_p99_ms: progress.latency.quantile_ms(0.99),
             latency_max_ms: progress.latency.largest_ms(),
@@ -396,6 +414,35 @@ fn reasons(book: &Book, ended_by: &EndedBy, had_duration: bool) -> Vec<String> {
     reasons
 }
 
+/// What the labelling lacks. Pictures that are skipped are no fault: a network may be slower than the camera.
+fn unlabelled(counts: &LabelCounts) -> Option<String> {
+    if counts.failed > 0 {
+        return Some(format!("segmentation: {} pictures could not be labelled", counts.failed));
+    }
+    let none = counts.labelled == 0 && counts.pictures > 0;
+    none.then(|| format!("segmentation: none of {} pictures was labelled ({counts})", counts.pictures))
+}
+
+/// Starts the threads that label pictures; returns when all are ready to, or have ended the recording.
+fn start_labelling<'scope>(
+    scope: &'scope Scope<'scope, '_>,
+    shared: &'scope Shared,
+) -> Vec<ScopedJoinHandle<'scope, ()>> {
+    let Some(labels) = &shared.labels else { return Vec::new() };
+    let (ready, is_ready) = sync_channel(labels.threads());
+    let mut threads: Vec<_> = (0..labels.threads())
+        .map(|_| {
+            let ready = ready.clone();
+            scope.spawn(move || labels.work(shared, ready))
+        })
+        .collect();
+    drop(ready);
+    // The channel ends when each has said so or given up.
+    while is_ready.recv().is_ok() {}
+    threads.push(scope.spawn(move || labels.write_all(shared)));
+    threads
+}
+
 fn record_of(verdict: &Verdict) -> BTreeMap<String, String> {
     let mut record = BTreeMap::new();
     let mut put = |key: String, value: String| drop(record.insert(key, value));
@@ -405,6 +452,7 @@ fn record_of(verdict: &Verdict) -> BTreeMap<String, String> {
     put("duration_ns".to_owned(), ((verdict.duration_s * 1e9) as i64).to_string());
     put("clock_steps".to_owned(), verdict.clock.steps.to_string());
     put("latency_p99_ms".to_owned(), format!("{:.1}", verdict.latency_p99_ms));
+    verdict.segmentation.iter().for_each(|counts| put("segmentation".to_owned(), counts.to_string()));
     for StreamCounts { stream, counts } in &verdict.streams {
         let name = stream.name();
         put(format!("{name}/written"), counts.written.to_string());

@@ -3,6 +3,7 @@
 use super::clock::{HostClock, HostTimeline};
 use super::encode::{Encoded, Encoder, Measurement, Payload, counter};
 use super::engine::RecordOptions;
+use super::labelling::Labels;
 use super::lane::{Lane, Wait};
 use super::ledger::{Cause, Counts, Ledger, Loss, Step};
 use super::onlooker::Onlooker;
@@ -15,6 +16,7 @@ use crate::realsense::{Calibration, Finding, FrameHeader, Sample};
 use schemas::msg::{DropRecord, Header, LogEntry, Time, device_clock, level};
 use schemas::{Stamp, metadata, topics};
 use serde::Serialize;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -63,6 +65,7 @@ pub(super) struct Shared {
     pub encoder: Encoder,
     pub allowed: Allowed,
     pub onlookers: Vec<Arc<dyn Onlooker>>,
+    pub labels: Option<Labels>,
     pub color: Lane<Measurement>,
     pub depth: Lane<Measurement>,
     pub small: Lane<Measurement>,
@@ -192,6 +195,7 @@ impl Inlet {
                 let arrival = frame.header.arrival;
                 let frame = Arc::new(frame);
                 self.shared.onlookers.iter().for_each(|one| one.picture(stream, time.stamp, &frame));
+                self.shared.label(stream, counter, time.stamp, &frame);
                 let payload = Payload::Picture { frame, time, calibration };
                 self.send(Measurement { stream, counter, arrival, payload });
             }
@@ -293,7 +297,7 @@ impl Connection {
 }
 
 impl Shared {
-    pub fn new(clock: Arc<dyn HostClock>, host: HostTimeline, options: &RecordOptions) -> Self {
+    pub fn new(clock: Arc<dyn HostClock>, host: HostTimeline, options: &RecordOptions, labels: Option<Labels>) -> Self {
         let limits = &options.limits;
         Self {
             clock,
@@ -301,6 +305,7 @@ impl Shared {
             encoder: Encoder::new(host, options.encoding),
             allowed: options.allowed,
             onlookers: options.onlookers.clone(),
+            labels,
             color: Lane::new(limits.video_bytes),
             depth: Lane::new(limits.video_bytes),
             small: Lane::new(limits.small_bytes),
@@ -335,8 +340,8 @@ impl Shared {
         drop(self.outbox.push(Item::Messages(messages), 0, Wait::No));
     }
 
-    pub fn write_metadata(&self, name: &'static str, values: BTreeMap<String, String>) {
-        drop(self.outbox.push(Item::Metadata { name, values }, 0, Wait::No));
+    pub fn write_metadata(&self, name: impl Into<Cow<'static, str>>, values: BTreeMap<String, String>) {
+        drop(self.outbox.push(Item::Metadata { name: name.into(), values }, 0, Wait::No));
     }
 
     pub fn event(&self, level: u8, name: &str, text: &str) {

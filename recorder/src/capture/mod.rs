@@ -6,6 +6,8 @@
 //!                                      └──▶ lane small ──▶ encoder ─┘
 //! ```
 //!
+//! Who labels pictures meanwhile ([`Labelling`]) takes the newest one when there is time; what becomes of each stands in the log.
+//!
 //! All queues are bounded. When the disk cannot keep up, the writer holds up the encoders, they their lanes, and a full lane
 //! holds up its source for [`Limits::patience`]; then whole measurements are given up, oldest first, each with a record in
 //! the log. What never reached this program is seen by the streams' counters and recorded as well. [`record()`] runs it all
@@ -17,6 +19,7 @@ mod effort;
 mod encode;
 mod engine;
 mod inlet;
+mod labelling;
 mod lane;
 mod latency;
 mod ledger;
@@ -34,6 +37,7 @@ pub use disk::{folder_of, room_bytes};
 pub use effort::Encoding;
 pub use engine::{RecordError, RecordOptions, record};
 pub use inlet::{Allowed, EndedBy, Happening, Inlet, Limits, MocapCounts};
+pub use labelling::{LabelCounts, Labelling, MakeSegmenter};
 pub use latency::Latency;
 pub use ledger::{Cause, Counts};
 pub use onlooker::Onlooker;

@@ -10,6 +10,7 @@ use super::stream::Stream;
 use crate::{LogWriter, WriteError};
 use schemas::msg::level;
 use schemas::sync::Signals;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::sync::mpsc::{Receiver, SyncSender};
@@ -23,7 +24,7 @@ pub(super) enum Item {
     /// Other messages.
     Messages(Vec<Encoded>),
     /// A metadata record.
-    Metadata { name: &'static str, values: BTreeMap<String, String> },
+    Metadata { name: Cow<'static, str>, values: BTreeMap<String, String> },
 }
 
 /// Encodes what comes through a lane until it closes.

@@ -2,6 +2,7 @@
 
 use super::clock::ClockHealth;
 use super::inlet::{EndedBy, Happening, MocapCounts};
+use super::labelling::LabelCounts;
 use super::ledger::Counts;
 use super::stream::Stream;
 use serde::Serialize;
@@ -31,6 +32,8 @@ pub struct Status {
     pub clock: ClockHealth,
     /// Motion capture.
     pub mocap: MocapCounts,
+    /// Labels that are made meanwhile, if that was asked for.
+    pub segmentation: Option<LabelCounts>,
     /// 99 % of all measurements took no longer from arrival into the file, milliseconds.
     pub latency_p99_ms: f64,
     /// What happened since the last status.
@@ -66,6 +69,10 @@ impl fmt::Display for Status {
                 write!(f, " seen {}/{}", self.mocap.bodies - self.mocap.occluded, self.mocap.bodies)?;
             }
         }
+        if let Some(counts) = &self.segmentation {
+            let LabelCounts { labelled, pictures, p50_ms, .. } = counts;
+            write!(f, " | labels {labelled}/{pictures} skipped {} p50 {p50_ms:.0} ms", counts.skipped())?;
+        }
         write!(f, " | {:.1} MB/s, {:.1} GB left", self.bytes_per_s / 1e6, self.room_bytes as f64 / 1e9)?;
         if let Some(room_s) = self.room_s {
             write!(f, " ({:.0} min)", room_s / 60.0)?;
@@ -98,6 +105,8 @@ pub struct Verdict {
     pub streams: Vec<StreamCounts>,
     /// Motion capture.
     pub mocap: MocapCounts,
+    /// Labels that were made meanwhile, if that was asked for.
+    pub segmentation: Option<LabelCounts>,
     /// The host's realtime clock.
     pub clock: ClockHealth,
     /// 99 % of all measurements took no longer from arrival into the file, milliseconds.
@@ -129,6 +138,9 @@ impl fmt::Display for Verdict {
         if self.streams.iter().any(|s| s.stream == Stream::Mocap) {
             let MocapCounts { occlusions, frames_with_occlusion, .. } = self.mocap;
             writeln!(f, "  mocap  {occlusions} occlusions in {frames_with_occlusion} frames")?;
+        }
+        if let Some(counts) = &self.segmentation {
+            writeln!(f, "  labels {counts}, due {} pictures later", counts.lag_pictures)?;
         }
         writeln!(f, "  arrival to file: p99 {:.1} ms, max {:.1} ms", self.latency_p99_ms, self.latency_max_ms)?;
         for reason in &self.reasons {

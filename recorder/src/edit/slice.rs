@@ -51,9 +51,9 @@ enum Kind {
 /// The pictures that a topic's stamps refer to, and whether it holds their calibration.
 fn bound_to(topic: &str) -> Option<(Kind, bool)> {
     use topics::{COLOR, COLOR_INFO, COLOR_METADATA, COLOR_RAW, DEPTH, DEPTH_INFO, RIGHT, RIGHT_INFO};
-    use topics::{DEPTH_NATIVE, DEPTH_NATIVE_INFO, DEPTH_NATIVE_METADATA};
+    use topics::{DEPTH_NATIVE, DEPTH_NATIVE_INFO, DEPTH_NATIVE_METADATA, LABELS};
     Some(match topic {
-        COLOR | COLOR_RAW | COLOR_METADATA => (Kind::Color, false),
+        COLOR | COLOR_RAW | COLOR_METADATA | LABELS => (Kind::Color, false),
         COLOR_INFO => (Kind::Color, true),
         DEPTH | DEPTH_NATIVE | DEPTH_NATIVE_METADATA => (Kind::Depth, false),
         DEPTH_INFO | DEPTH_NATIVE_INFO => (Kind::Depth, true),

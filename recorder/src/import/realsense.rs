@@ -99,6 +99,7 @@ pub fn realsense(
         allowed: Allowed { missing_metadata: true },
         limits: Limits::default(),
         onlookers: Vec::new(),
+        labelling: None,
         program: program.to_owned(),
         asked: BTreeMap::from([("import".to_owned(), file.display().to_string())]),
     };

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod labels;
 mod support;
 
 use recorder::capture::{Allowed, End, EndedBy, Limits, RecordError, Source, Stream, SystemClock, Verdict, record};

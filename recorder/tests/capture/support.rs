@@ -141,6 +141,7 @@ pub fn options(path: &Path) -> RecordOptions {
         allowed: Default::default(),
         limits: Limits::default(),
         onlookers: Vec::new(),
+        labelling: None,
         program: "test".to_owned(),
         asked: BTreeMap::new(),
     }

@@ -1,8 +1,8 @@
 //! What a live recording says about itself: losses, clocks, its own verdict.
 
 use schemas::msg::{
-    ClockPair, DropRecord, Extrinsics, FrameMetadata, Imu, LogEntry, MocapFrame, MotionIntrinsics, PoseStamped,
-    TFMessage, level,
+    ClockPair, DropRecord, Extrinsics, FrameMetadata, Imu, LabelRecord, LogEntry, MocapFrame, MotionIntrinsics,
+    PoseStamped, TFMessage, level,
 };
 use schemas::{metadata, topics};
 use std::collections::BTreeMap;
@@ -67,6 +67,7 @@ pub(super) fn is_decoded(topic: &str, data: &[u8]) -> Result<bool, String> {
         topics::EXTRINSICS => drop(decoded::<Extrinsics>(data)?),
         topics::MOCAP => drop(decoded::<MocapFrame>(data)?),
         topics::DROPS => drop(decoded::<DropRecord>(data)?),
+        topics::LABELS => drop(decoded::<LabelRecord>(data)?),
         topics::CLOCK => drop(decoded::<ClockPair>(data)?),
         topics::EVENTS => drop(decoded::<LogEntry>(data)?),
         _ if topics::mocap_body_of(topic).is_some() => drop(decoded::<PoseStamped>(data)?),

@@ -13,7 +13,8 @@ pub use geometry::{Imu, Point, Pose, PoseStamped, Quaternion, TFMessage, Transfo
 pub use image::{CompressedImage, Image, ImageError, encoding, format};
 pub use mocap::{MocapBody, MocapFrame, MocapLatency, MocapMarker, MocapTimecode, NOT_TOLD};
 pub use recording::{
-    ClockPair, DropRecord, Extrinsics, FrameMetadata, LogEntry, MotionIntrinsics, device_clock, domain, level,
+    ClockPair, DropRecord, Extrinsics, FrameMetadata, LabelRecord, LogEntry, MotionIntrinsics, device_clock, domain,
+    level,
 };
 pub use segmentation::{Category, CategoryTable, LabelInfo, SCORE_UNKNOWN, Segment, SegmentTable, VisionClass};
 pub use standard::{Header, Time};

@@ -119,6 +119,29 @@ cdr_struct! {
 }
 
 cdr_struct! {
+    /// `panoptic_slam_msgs/LabelRecord`: what became of one colour picture of a recording that was labelled live. Each picture
+    /// that came in has one; those that are not `labelled` never got labels.
+    #[derive(Eq, Default)]
+    pub struct LabelRecord: "panoptic_slam_msgs/msg/LabelRecord" {
+        /// Stamp and frame of the picture.
+        pub header: Header,
+        /// Name of the segmentation layer.
+        pub layer: String,
+        /// The picture's number among all that came in, from 0; the lag counts these.
+        pub picture: u64,
+        /// Counter of the picture, see [`FrameMetadata::counter`].
+        pub counter: u64,
+        /// `labelled`; `busy` (the network worked at others until a newer picture came), `late` (its labels were not ready when
+        /// they were due), `unlabelled` (there are none for it), `failed`, `ended` (the recording ended before).
+        pub outcome: String,
+        /// When that was decided, on the log's timeline, nanoseconds: for `labelled` the moment of delivery.
+        pub decided_ns: i64,
+        /// How long the network worked at it, nanoseconds; [`NOT_TOLD`](super::NOT_TOLD) where it did not, or not to the end.
+        pub duration_ns: i64,
+    }
+}
+
+cdr_struct! {
     /// `panoptic_slam_msgs/ClockPair`: the host's two clocks at one moment.
     #[derive(Eq, Default)]
     pub struct ClockPair: "panoptic_slam_msgs/msg/ClockPair" {

@@ -4,6 +4,7 @@ mod camera;
 mod mocap;
 mod quantity;
 mod screen;
+mod segment;
 mod synthetic;
 #[cfg(feature = "rerun")]
 mod view;
@@ -15,6 +16,7 @@ use mocap::MocapArgs;
 use quantity::{bytes, seconds};
 use recorder::capture::{self, Allowed, Limits, Onlooker, RecordOptions, Source, SystemClock, record};
 use screen::Screen;
+use segment::SegmentArgs;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -52,6 +54,8 @@ pub struct Record {
     #[cfg(feature = "rerun")]
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "rerun+http://127.0.0.1:9876/proxy")]
     view: Option<rrd::ViewerAddress>,
+    #[command(flatten)]
+    segment: SegmentArgs,
     /// Do not estimate clocks and offsets at the end.
     #[arg(long)]
     no_sync: bool,
@@ -80,13 +84,14 @@ impl Record {
             return Err(Usage("--flush-interval below 20 ms writes more overhead than data".to_owned()).into());
         }
         let stop = stop_signals()?;
+        let labelling = self.segment.labelling()?;
         let camera = self.camera.source(progress)?;
         let sources: Vec<Box<dyn Source>> = camera.into_iter().chain(self.mocap.source()).collect();
         if sources.is_empty() {
             return Err(Usage("there is nothing to record: neither a camera nor motion capture".to_owned()).into());
         }
         let mut screen = Screen::new(self.json, progress);
-        let options = RecordOptions { onlookers: self.onlookers(&mut screen)?, ..self.options() };
+        let options = RecordOptions { onlookers: self.onlookers(&mut screen)?, labelling, ..self.options() };
         let stopped = || stop.load(Ordering::Relaxed);
         let verdict = record(sources, &options, Arc::new(SystemClock), &stopped, &mut |status| screen.status(status))?;
         screen.verdict(&verdict)?;
@@ -119,6 +124,7 @@ impl Record {
             allowed: Allowed { missing_metadata: self.camera.allow_missing_metadata },
             limits: Limits::default(),
             onlookers: Vec::new(),
+            labelling: None,
             program: concat!("pslam ", env!("CARGO_PKG_VERSION")).to_owned(),
             asked: self.camera.asked().into_iter().chain(self.mocap.asked()).collect(),
         }
