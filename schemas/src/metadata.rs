@@ -20,7 +20,9 @@ pub const DEPTH_UNITS_PER_METRE: &str = "units_per_metre";
 pub const PAIRING: &str = "pslam/pairing";
 /// Key of [`PAIRING`]: whole nanoseconds as text.
 pub const TOLERANCE_NS: &str = "tolerance_ns";
-/// A segmentation layer is described under this prefix and its name. Keys: `origin`, `void`, `class_encoding`.
+/// A segmentation layer is described under this prefix and its name. Keys: `origin`, `void`, `class_encoding`;
+/// of labels made while recording `live/lag_pictures` (see [`crate::topics::LABELS`]), `live/threads`, `live/rule`, and at the end
+/// `pictures`, `labelled` and `live/OUTCOME`.
 pub const SEGMENTATION_PREFIX: &str = "pslam/segmentation/";
 /// A channel's definition, under this prefix and its topic: a second copy, outside the chunks, from which `recover` names
 /// the messages of intact chunks when the chunk with the definitions is lost. Keys: the constants in [`channel`].
@@ -55,7 +57,7 @@ pub const RECORDING: &str = "pslam/recording";
 pub const DEVICE: &str = "pslam/device";
 /// How a recording ended, written last; without it the recording was interrupted. Keys: `verdict` (`complete` or
 /// `incomplete`), `reason`, `ended_by`, `duration_ns`, and for each stream `STREAM/written`, `STREAM/dropped_device`,
-/// `STREAM/dropped_host`.
+/// `STREAM/dropped_host`; `segmentation`, in words, if pictures were labelled meanwhile.
 pub const VERDICT: &str = "pslam/verdict";
 
 /// Clocks, offset to the mocap and hand-eye transform as estimated afterwards, see [`crate::sync::SyncRecord`]; the last one

@@ -155,8 +155,8 @@ pub struct Merge {
     pub thing_area: u32,
     /// Least pixels of stuff in a picture.
     pub stuff_area: u32,
-    /// `semantic`: a pixel is void, not stuff, where its logit is less than this above that of some ignored channel: ln 9 = 2.2
-    /// means odds of nine to one.
+    /// `semantic`: a pixel is void, not stuff, where the logarithm of the odds of all stuff channels together against all others
+    /// together is less than this: ln 9 = 2.2 means nine to one. 0 asks only that the best channel is stuff.
     pub stuff_margin: f32,
     /// `semantic`: a pixel is void, not stuff, where a person's logit is less than this below the best one.
     pub person_margin: f32,

@@ -2,7 +2,7 @@
 
 use crate::compose::Stuff;
 use crate::description::Model;
-use crate::grid::{Between, on_grid};
+use crate::grid::{Between, bilinear, on_grid};
 use crate::tensor::argmax;
 use crate::{Placement, Tensor};
 
@@ -36,11 +36,14 @@ pub fn stuff(
     }
     let merge = &model.description.merge;
     let margin = |class: usize| {
-        let is_person = model.description.classes.person.contains(&class) && merge.person_margin > merge.stuff_margin;
-        let margin = if is_person { merge.person_margin } else { merge.stuff_margin };
-        (labels[class] == 0).then_some(margin)
+        let is_person = model.description.classes.person.contains(&class);
+        (labels[class] == 0).then_some(if is_person { merge.person_margin } else { 0.0 })
     };
     let margins: Vec<Option<f32>> = (0..classes).map(margin).collect();
+    let stillness = (merge.stuff_margin > 0.0).then(|| stillness(&scores.data, columns * rows, &labels));
+    let is_still = |x: Between, y: Between| {
+        stillness.as_ref().is_none_or(|plane| bilinear(plane, columns, x, y) >= merge.stuff_margin)
+    };
     let cells = Cells { scores: &scores.data, columns, rows, margins: &margins };
     let mut found = Vec::with_capacity(width * height);
     for y in &ys {
@@ -50,10 +53,27 @@ pub fn stuff(
                 cell = Some((x.low, x.high, cells.rivals([x.low, x.high], [y.low, y.high])));
             }
             let rivals = cell.as_ref().map_or(&[][..], |(.., rivals)| rivals);
-            found.push(label(rivals, *x, *y).map_or(0, |class| labels[class]));
+            let class = label(rivals, *x, *y).filter(|class| labels[*class] != 0 && is_still(*x, *y));
+            found.push(class.map_or(0, |class| labels[class]));
         }
     }
     Ok(Stuff { labels: found, categories, least_area: merge.stuff_area })
+}
+
+/// By grid point, the logarithm of the odds that it is stuff of any kind: whether it is table or floor is another question, and
+/// a network that cannot tell those apart has no doubt that the thing stands still.
+fn stillness(scores: &[f32], plane: usize, labels: &[u16]) -> Vec<f32> {
+    let odds = |at: usize| {
+        let score = |class: usize| scores[class * plane + at];
+        let highest = (0..labels.len()).map(score).fold(f32::NEG_INFINITY, |a, b| if b > a { b } else { a });
+        let mut sums = [0.0_f32; 2];
+        for (class, label) in labels.iter().enumerate() {
+            sums[usize::from(*label != 0)] += libm::expf(score(class) - highest);
+        }
+        // Without a finite score nothing is known; without an ignored channel everything is stuff.
+        libm::logf(sums[1]) - libm::logf(sums[0])
+    };
+    (0..plane).map(odds).collect()
 }
 
 /// A class that may win or object somewhere in a cell, with its scores at the four corners.

@@ -47,7 +47,7 @@ pub struct Compress {
 /// all, of the first pass.
 ///
 /// # Errors
-/// As [`rewrite`]; a result that holds something else.
+/// As [`rewrite`]; a result that holds something else, which is removed.
 pub fn compress(
     source: &Path,
     out: &Path,
@@ -63,12 +63,25 @@ pub fn compress(
     if summary.out.is_none() {
         return Ok(Compress { summary, proof: None });
     }
-    let (before, after) = (content(source)?, content(out)?);
-    if before != after {
-        let (out, source_log) = (out.to_owned(), source.to_owned());
-        return Err(EditError::Differs { out, source_log, what: format!("{after} instead of {before}") });
-    }
-    Ok(Compress { summary, proof: Some(after) })
+    let proof = Some(prove(source, out)?);
+    Ok(Compress { summary, proof })
+}
+
+/// What both logs hold. A result that cannot be read or holds something else is removed: nobody shall take it for the log.
+fn prove(source: &Path, out: &Path) -> Result<Compressed, EditError> {
+    let before = content(source)?;
+    let after = content(out);
+    let what = match &after {
+        Ok(after) if before == *after => return Ok(before),
+        Ok(after) => format!("{after} instead of {before}"),
+        Err(error) => error.to_string(),
+    };
+    let removed = match std::fs::remove_file(out) {
+        Ok(()) => "it was removed",
+        Err(_) => "it could not be removed: do not use it",
+    };
+    let (out, source_log) = (out.to_owned(), source.to_owned());
+    Err(EditError::Differs { out, source_log, what, removed })
 }
 
 /// Reads a log whole for what it holds.
@@ -134,5 +147,39 @@ impl fmt::Display for Compress {
             Some(proof) => writeln!(f, "proven   both logs hold {proof}"),
             None => Ok(()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{LogOptions, LogWriter};
+    use schemas::Stamp;
+    use schemas::msg::{Header, PoseStamped};
+
+    fn log(path: &Path, poses: i64) {
+        let mut log = LogWriter::create(path, &LogOptions::default()).unwrap();
+        for second in 0..poses {
+            let stamp = Stamp(second * 1_000_000_000);
+            let pose = PoseStamped { header: Header::new(stamp, "world").unwrap(), ..PoseStamped::default() };
+            log.write("/pose", stamp, &pose).unwrap();
+        }
+        log.finish().unwrap();
+    }
+
+    #[test]
+    fn a_result_that_differs_is_removed_and_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let [source, same, less, cut] = ["a", "b", "c", "d"].map(|name| folder.path().join(format!("{name}.mcap")));
+        [(&source, 3), (&same, 3), (&less, 2), (&cut, 3)].into_iter().for_each(|(path, poses)| log(path, poses));
+        let bytes = std::fs::read(&cut).unwrap();
+        std::fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
+        assert_eq!(prove(&source, &same).unwrap().messages, 3);
+        for wrong in [&less, &cut] {
+            let text = prove(&source, wrong).unwrap_err().to_string();
+            assert!(text.contains("does not hold what") && text.ends_with("it was removed"), "{text}");
+            assert!(!wrong.exists());
+        }
+        assert!(source.exists() && same.exists());
     }
 }

@@ -88,7 +88,7 @@ pub enum EditError {
     #[error("{0}")]
     Refused(String),
     /// The result is not what it should be: a bug of this program. The source still stands.
-    #[error("{} does not hold what {} holds: {what}", out.display(), source_log.display())]
+    #[error("{} does not hold what {} holds: {what}; {removed}", out.display(), source_log.display())]
     Differs {
         /// The new log.
         out: PathBuf,
@@ -96,6 +96,8 @@ pub enum EditError {
         source_log: PathBuf,
         /// What differs.
         what: String,
+        /// What became of the new log.
+        removed: &'static str,
     },
     /// The result cannot be written.
     #[error("{0}")]
