@@ -27,7 +27,8 @@ def main(pslam, log, layer, truth_folder, truth_log, work):
     )
     truth_folder = Path(truth_folder)
     truth = json.loads((truth_folder.parent / f"{truth_folder.name}.json").read_text())
-    found = json.loads((exported / f"panoptic_{layer}.json").read_text())
+    stem = "panoptic" if layer == "panoptic" else f"panoptic_{layer}"
+    found = json.loads((exported / f"{stem}.json").read_text())
     names = {category["id"]: category["name"] for category in truth["categories"]}
     assert all(names.get(c["id"]) == c["name"] for c in found["categories"]), "ids mean other things in the two tables"
 
@@ -42,7 +43,7 @@ def main(pslam, log, layer, truth_folder, truth_log, work):
     for path, table in zip(files, (truth, found)):
         path.write_text(json.dumps(table))
     stdout, sys.stdout = sys.stdout, open(os.devnull, "w")
-    theirs = pq_compute(*map(str, files), str(truth_folder), str(exported / f"panoptic_{layer}"))
+    theirs = pq_compute(*map(str, files), str(truth_folder), str(exported / stem))
     sys.stdout = stdout
     command = [pslam, "eval-masks", log, "--layer", layer, "--truth", "panoptic", "--truth-log", truth_log, "--json"]
     ours = json.loads(subprocess.run(command, check=True, capture_output=True).stdout)

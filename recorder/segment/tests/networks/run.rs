@@ -100,6 +100,26 @@ fn stuff_never_covers_people() {
     assert_eq!(mask.segments.iter().map(|s| (s.category_id, s.area)).collect::<Vec<_>>(), [(3, 12), (9, 12)]);
 }
 
+#[test]
+fn doubt_is_about_standing_still_not_about_which_stuff() {
+    let text = r#"
+kind = "semantic"
+classes = { stuff = { 0 = [9, "wall"], 1 = [3, "floor"] } }
+merge = { stuff_area = 1, stuff_margin = 2.2 }
+output = { scores = "y" }
+"#;
+    // Two columns a case: wall, floor, and two ignored channels.
+    let cases = [
+        [2.0, 1.9, 0.0, -9.0_f32], // 14.1 : 1 for stuff, although the wall alone has only 7.4 : 1
+        [2.0, 0.0, 0.0, -9.0],     // 8.4 : 1
+        [2.5, -9.0, 0.0, 0.0],     // 12.2 : 2
+        [3.0, -9.0, 3.1, -9.0],    // an ignored channel is the best
+    ];
+    let scores: Vec<f32> = (0..4 * 32).map(|at| cases[at % 8 / 2][at / 32]).collect();
+    let mask = Files::new().add("s", &[("y", &[1, 4, 4, 8], &scores)], text).segment().unwrap();
+    assert_eq!(mask.class, [[9, 9, 0, 0, 0, 0, 0, 0]; 4].concat());
+}
+
 const THINGS: &str = r#"
 kind = "ultralytics-seg"
 classes = { thing = { 0 = [1, "person"], 1 = [47, "cup"] } }
