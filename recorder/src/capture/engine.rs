@@ -5,7 +5,7 @@ use super::disk::{folder_of, room_bytes};
 use super::effort::Encoding;
 use super::encode::Encoded;
 use super::inlet::{Allowed, Book, EndedBy, Inlet, Limits, Shared};
-use super::labelling::{LabelCounts, Labelling, Labels};
+use super::labelling::{self, LabelCounts, Labelling, Labels};
 use super::lane::Wait;
 use super::onlooker::Onlooker;
 use super::outbox::{Progress, Scribe, append, encode_all, sync_all};
@@ -20,7 +20,6 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::{Scope, ScopedJoinHandle};
 use std::time::Duration;
 
 /// How to record.
@@ -154,7 +153,7 @@ impl Run<'_> {
             scope.spawn(move || sync_all(&file, &wake, shared));
             let encoders =
                 [&shared.color, &shared.depth, &shared.small].map(|lane| scope.spawn(|| encode_all(lane, shared)));
-            let labellers = start_labelling(scope, shared);
+            let labellers = labelling::start(scope, shared);
             let sources: Vec<_> = sources
                 .into_iter()
                 .map(|mut source| {
@@ -364,7 +363,7 @@ impl Run<'_> {
         let book = self.shared.book();
         let segmentation = self.shared.labels.as_ref().map(Labels::counts);
         let mut reasons = reasons(&book, &ended_by, self.options.duration.is_some());
-        reasons.extend(segmentation.iter().filter_map(unlabelled));
+        reasons.extend(segmentation.iter().filter_map(LabelCounts::lacking));
         let streams = book.counts().into_iter().map(|(stream, counts)| StreamCounts { stream, counts }).collect();
         let progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
         Verdict {
@@ -412,35 +411,6 @@ fn reasons(book: &Book, ended_by: &EndedBy, had_duration: bool) -> Vec<String> {
         _ => {}
     }
     reasons
-}
-
-/// What the labelling lacks. Pictures that are skipped are no fault: a network may be slower than the camera.
-fn unlabelled(counts: &LabelCounts) -> Option<String> {
-    if counts.failed > 0 {
-        return Some(format!("segmentation: {} pictures could not be labelled", counts.failed));
-    }
-    let none = counts.labelled == 0 && counts.pictures > 0;
-    none.then(|| format!("segmentation: none of {} pictures was labelled ({counts})", counts.pictures))
-}
-
-/// Starts the threads that label pictures; returns when all are ready to, or have ended the recording.
-fn start_labelling<'scope>(
-    scope: &'scope Scope<'scope, '_>,
-    shared: &'scope Shared,
-) -> Vec<ScopedJoinHandle<'scope, ()>> {
-    let Some(labels) = &shared.labels else { return Vec::new() };
-    let (ready, is_ready) = sync_channel(labels.threads());
-    let mut threads: Vec<_> = (0..labels.threads())
-        .map(|_| {
-            let ready = ready.clone();
-            scope.spawn(move || labels.work(shared, ready))
-        })
-        .collect();
-    drop(ready);
-    // The channel ends when each has said so or given up.
-    while is_ready.recv().is_ok() {}
-    threads.push(scope.spawn(move || labels.write_all(shared)));
-    threads
 }
 
 fn record_of(verdict: &Verdict) -> BTreeMap<String, String> {

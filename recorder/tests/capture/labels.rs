@@ -83,7 +83,7 @@ fn outcomes(recording: &Recording) -> (Vec<LabelRecord>, Vec<u64>) {
         recording.messages(topics::LABELS).iter().map(|m| LabelRecord::decode(&m.data).unwrap()).collect();
     let layer = topics::LayerTopics::new("slow");
     let number = |stamp: Stamp| {
-        let of = |record: &&LabelRecord| Stamp::try_from(record.header.stamp).unwrap() == stamp;
+        let of = |record: &&LabelRecord| Stamp::from(record.header.stamp) == stamp;
         records.iter().find(of).unwrap().picture
     };
     let masks = [&layer.class, &layer.instance, &layer.segments]
@@ -144,7 +144,7 @@ fn a_mask_that_is_due_and_not_ready_is_never_written() {
     let last = told[8].1 == "labelled";
     assert_eq!(masks, if last { vec![0, 8] } else { vec![0] });
 
-    let stamp = |record: &LabelRecord| Stamp::try_from(record.header.stamp).unwrap();
+    let stamp = |record: &LabelRecord| Stamp::from(record.header.stamp);
     let pictures: Vec<Stamp> = recording.messages(topics::COLOR).iter().map(|m| m.log_time).collect();
     assert_eq!(records.iter().map(stamp).collect::<Vec<_>>(), pictures, "one record a picture, with its stamp");
     assert!(records.iter().all(|record| record.counter == record.picture && record.layer == "slow"));

@@ -11,6 +11,8 @@
 mod schedule;
 mod worker;
 
+pub(super) use worker::start;
+
 use super::inlet::Shared;
 use super::latency::Latency;
 use super::stream::Stream;
@@ -88,6 +90,15 @@ impl LabelCounts {
     #[must_use]
     pub fn skipped(&self) -> u64 {
         self.skipped_busy + self.skipped_late
+    }
+
+    /// What is missing, in words. Pictures that are skipped are no fault: a network may be slower than the camera.
+    pub(super) fn lacking(&self) -> Option<String> {
+        if self.failed > 0 {
+            return Some(format!("segmentation: {} pictures could not be labelled", self.failed));
+        }
+        let none = self.labelled == 0 && self.pictures > 0;
+        none.then(|| format!("segmentation: none of {} pictures was labelled ({self})", self.pictures))
     }
 
     fn count(&mut self, outcome: Outcome) {
@@ -211,11 +222,6 @@ impl Labels {
 
     fn state(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Pictures labelled at once.
-    pub fn threads(&self) -> usize {
-        self.asked.threads.get()
     }
 
     /// How it fares.

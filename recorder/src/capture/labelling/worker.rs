@@ -13,11 +13,26 @@ use schemas::msg::{Header, LabelRecord, NOT_TOLD, level};
 use schemas::topics::{self, frame};
 use schemas::{Message, Stamp};
 use segment::{Mask, Picture, SegmentError, Segmenter};
-use std::sync::mpsc::SyncSender;
+use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Arc, PoisonError};
+use std::thread::{Scope, ScopedJoinHandle};
 
 /// How much more willingly than the recording these threads give up the processor.
 const NICENESS: i32 = 10;
+
+/// Starts the threads that label pictures; returns when all are ready to, or have ended the recording.
+pub fn start<'scope>(scope: &'scope Scope<'scope, '_>, shared: &'scope Shared) -> Vec<ScopedJoinHandle<'scope, ()>> {
+    let Some(labels) = &shared.labels else { return Vec::new() };
+    let count = labels.asked.threads.get();
+    let (ready, is_ready) = sync_channel(count);
+    let work = |ready| scope.spawn(move || labels.work(shared, ready));
+    let mut threads: Vec<_> = (0..count).map(|_| work(ready.clone())).collect();
+    drop(ready);
+    // The channel ends when each has said so or given up.
+    while is_ready.recv().is_ok() {}
+    threads.push(scope.spawn(move || labels.write_all(shared)));
+    threads
+}
 
 /// Messages of a layer, on their way to the log.
 #[derive(Default)]
@@ -35,7 +50,7 @@ impl Sink for Bundle {
 impl Labels {
     /// One worker: its own segmenter, always the newest picture. Says so when it is ready; dropping `ready` unused means that it
     /// is not.
-    pub fn work(&self, shared: &Shared, ready: SyncSender<()>) {
+    fn work(&self, shared: &Shared, ready: SyncSender<()>) {
         // Linux: this thread alone. Where it is refused the threads compete as equals.
         let _ = rustix::process::nice(NICENESS);
         let mut segmenter = match (self.asked.make)() {
@@ -85,7 +100,7 @@ impl Labels {
     }
 
     /// Writes what is decided, in order of the pictures, until no more come.
-    pub fn write_all(&self, shared: &Shared) {
+    fn write_all(&self, shared: &Shared) {
         let taken = self.layer.lock().unwrap_or_else(PoisonError::into_inner).take();
         let Some(mut layer) = taken else { return };
         loop {
