@@ -93,38 +93,41 @@ fn outcomes(recording: &Recording) -> (Vec<LabelRecord>, Vec<u64>) {
     (records, masks)
 }
 
+/// A camera and a segmenter in lock-step: which pictures come while it works at which.
+fn drive(wires: &Wires, inlet: &Inlet) -> End {
+    inlet.camera(&setup());
+    let push = |numbers: std::ops::RangeInclusive<u64>| {
+        numbers.for_each(|number| inlet.sample(sample(StreamKind::Color, number)));
+    };
+    let took = |number: usize| assert_eq!(wires.took.recv(), Ok(number));
+    let answer = |answer: Answer| wires.go.send(answer).unwrap();
+    push(0..=0);
+    took(0);
+    push(1..=2);
+    answer(Answer::Mask); // 0 is due at 3, which is not there yet.
+    took(2); // The newest; 1 is skipped.
+    push(3..=5); // 2 is due at 5: late. 3 and 4 are skipped.
+    answer(Answer::Mask); // Thrown away.
+    took(5);
+    push(6..=6);
+    answer(Answer::Nothing);
+    took(6);
+    push(7..=7);
+    answer(Answer::Error);
+    took(7);
+    push(8..=8);
+    answer(Answer::Foreign);
+    took(8);
+    answer(Answer::Mask); // Meets the end of the recording.
+    End::Finished
+}
+
 #[test]
 fn a_mask_that_is_due_and_not_ready_is_never_written() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     let (options, wires) = labelled(&path, 3);
-    let script = move |_: usize, inlet: &Inlet| {
-        inlet.camera(&setup());
-        let push = |numbers: std::ops::RangeInclusive<u64>| {
-            numbers.for_each(|number| inlet.sample(sample(StreamKind::Color, number)));
-        };
-        let took = |number: usize| assert_eq!(wires.took.recv(), Ok(number));
-        let answer = |answer: Answer| wires.go.send(answer).unwrap();
-        push(0..=0);
-        took(0);
-        push(1..=2);
-        answer(Answer::Mask); // 0 is due at 3, which is not there yet.
-        took(2); // The newest; 1 is skipped.
-        push(3..=5); // 2 is due at 5: late. 3 and 4 are skipped.
-        answer(Answer::Mask); // Thrown away.
-        took(5);
-        push(6..=6);
-        answer(Answer::Nothing);
-        took(6);
-        push(7..=7);
-        answer(Answer::Error);
-        took(7);
-        push(8..=8);
-        answer(Answer::Foreign);
-        took(8);
-        answer(Answer::Mask); // Meets the end of the recording.
-        End::Finished
-    };
+    let script = move |_: usize, inlet: &Inlet| drive(&wires, inlet);
     let verdict = run(&options, script);
     let recording = Recording::read(&path);
     let (records, masks) = outcomes(&recording);
