@@ -32,6 +32,18 @@ fn a_synthetic_camera_gives_what_it_was_fed() {
     assert_same(&fed, &got);
 }
 
+/// librealsense 2.56 keeps the extrinsics of all devices in one list that it does not lock: without the recorder's own lock
+/// this ends in a segmentation fault.
+#[test]
+fn cameras_are_made_on_several_threads() {
+    let Some((library, _one)) = library() else { return };
+    std::thread::scope(|scope| {
+        let make = || (0..300).map(|_| SoftwareCamera::new(&library, &spec(MODE)).unwrap()).count();
+        let threads = [(); 8].map(|()| scope.spawn(make));
+        assert_eq!(threads.map(|thread| thread.join().unwrap()), [300; 8]);
+    });
+}
+
 #[test]
 fn a_camera_is_calibrated_and_set() {
     let Some((library, _one)) = library() else { return };
