@@ -19,10 +19,7 @@ impl Arrival {
     #[must_use]
     pub fn now() -> Self {
         let nanoseconds = |time: Timespec| time.tv_sec * 1_000_000_000 + time.tv_nsec;
-        Self {
-            monotonic_ns: nanoseconds(clock_gettime(ClockId::Monotonic)),
-            realtime_ns: realtime_ns(),
-        }
+        Self { monotonic_ns: nanoseconds(clock_gettime(ClockId::Monotonic)), realtime_ns: realtime_ns() }
     }
 }
 

@@ -7,7 +7,8 @@ mod realsense_support;
 
 use realsense_support::{assert_same, collect, ending, library, record, samples, samples_of_log, spec};
 use recorder::capture::{
-    Allowed, CameraSetup, CameraSource, Encoding, EndedBy, Limits, Pace, RecordOptions, SystemClock, record as record_all,
+    Allowed, CameraSetup, CameraSource, Encoding, EndedBy, Limits, Pace, RecordOptions, SystemClock,
+    record as record_all,
 };
 use recorder::import::realsense;
 use recorder::realsense::*;
@@ -38,9 +39,10 @@ fn a_synthetic_camera_gives_what_it_was_fed() {
 fn cameras_are_made_on_several_threads() {
     let Some((library, _one)) = library() else { return };
     std::thread::scope(|scope| {
-        let make = || (0..300).map(|_| SoftwareCamera::new(&library, &spec(MODE)).unwrap()).count();
-        let threads = [(); 8].map(|()| scope.spawn(make));
-        assert_eq!(threads.map(|thread| thread.join().unwrap()), [300; 8]);
+        let make = || (0..300).for_each(|_| drop(SoftwareCamera::new(&library, &spec(MODE)).unwrap()));
+        for thread in [(); 8].map(|()| scope.spawn(make)) {
+            thread.join().unwrap();
+        }
     });
 }
 

@@ -62,7 +62,8 @@ fn a_clock_that_is_set_moves_no_stamp() {
 fn a_disk_that_turns_read_only_keeps_what_was_flushed() {
     let folder = tempfile::tempdir().unwrap();
     let place = text(folder.path());
-    let pslam = [&[env!("CARGO_BIN_EXE_pslam")], &SMALL[..], &["--reserve", "1M", "-o", "disk/a.mcap"]].concat().join(" ");
+    let pslam =
+        [&[env!("CARGO_BIN_EXE_pslam")], &SMALL[..], &["--reserve", "1M", "-o", "disk/a.mcap"]].concat().join(" ");
     let script = format!(
         "cd {place}; PATH=$PATH:/usr/sbin:/sbin; mkdir disk; truncate -s 100M disk.img
          mkfs.ext4 -q disk.img >why.txt 2>&1 && mount -o loop disk.img disk 2>why.txt || exit 77
@@ -114,13 +115,28 @@ fn a_folder_that_goes_away_ends_the_recording() {
 }
 
 #[test]
-fn times_at_the_edges() {
+fn times_at_the_edges_and_flags_that_do_not_go_together() {
     let folder = tempfile::tempdir().unwrap();
     let log = folder.path().join("a.mcap");
     for wrong in ["-1", "0", "0s", "1e300", "nan", "1d", "", "5 m"] {
         pslam_exits(2, &[&SMALL[..], &[&format!("--duration={wrong}"), "-o", text(&log)]].concat());
     }
     pslam_exits(2, &[&SMALL[..], &["--raw", "--encoding", "png", "-o", text(&log)]].concat());
+    for together in [
+        "--play x.bag",
+        "--serial 12",
+        "--emitter on",
+        "--subject quad",
+        "--color 640x480@0",
+        "--color 0x480@30",
+        "--unpaced",
+        "--markers",
+    ] {
+        let words: Vec<&str> = together.split(' ').collect();
+        pslam_exits(2, &[&["record", "--source", "synthetic", "-o", text(&log)], &words[..]].concat());
+    }
+    pslam_exits(2, &["record", "--source", "synthetic", "--color", "off", "--depth", "off", "-o", text(&log)]);
+    pslam_exits(2, &["record", "--source", "none", "--librealsense", "x.so", "--udp", "127.0.0.1:0", "-o", text(&log)]);
     assert!(fs::read_dir(folder.path()).unwrap().next().is_none(), "nothing was begun");
     pslam_exits(0, &[&SMALL[..], &["--reserve", "1M", "--duration", "700ms", "-o", text(&log)]].concat());
     let mut huge = Command::new(env!("CARGO_BIN_EXE_pslam"));

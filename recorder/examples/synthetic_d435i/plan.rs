@@ -36,8 +36,16 @@ impl Plan {
     pub fn new(mut arguments: impl Iterator<Item = String>) -> Result<Self, Box<dyn Error>> {
         let mode = VideoMode { width: 640, height: 480, rate_hz: 30 };
         let scenario = "handheld".to_owned();
-        let mut plan =
-            Self { scenario, seconds: 9.0, mode, serial: None, vicon: None, pictures: None, lens: [0.0; 5], faults: Vec::new() };
+        let mut plan = Self {
+            scenario,
+            seconds: 9.0,
+            mode,
+            serial: None,
+            vicon: None,
+            pictures: None,
+            lens: [0.0; 5],
+            faults: Vec::new(),
+        };
         while let Some(option) = arguments.next() {
             let value = arguments.next().ok_or_else(|| format!("{option} needs a value"))?;
             match option.as_str() {

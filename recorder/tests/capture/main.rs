@@ -4,7 +4,9 @@
 
 mod support;
 
-use recorder::capture::{Allowed, End, EndedBy, Limits, RecordError, RecordOptions, Source, Stream, SystemClock, Verdict, record};
+use recorder::capture::{
+    Allowed, End, EndedBy, Limits, RecordError, RecordOptions, Source, Stream, SystemClock, Verdict, record,
+};
 use recorder::picture::decode_rgb8;
 use recorder::realsense::{Sample, StreamKind, TimestampDomain, metadata};
 use schemas::msg::{ClockPair, CompressedImage, FrameMetadata, Image, Imu};
@@ -231,8 +233,7 @@ fn frames_without_metadata_are_refused_unless_allowed() {
 #[test]
 fn a_disk_without_room_is_told_before_anything_is_written() {
     let folder = tempfile::tempdir().unwrap();
-    let options =
-        RecordOptions { reserve_bytes: u64::MAX, ..options(&folder.path().join("a.mcap")) };
+    let options = RecordOptions { reserve_bytes: u64::MAX, ..options(&folder.path().join("a.mcap")) };
     let full = record(Vec::new(), &options, Arc::new(SystemClock), &|| true, &mut |_| {});
     assert!(matches!(full, Err(RecordError::NoRoom { .. })), "{full:?}");
     let nowhere = RecordOptions { path: folder.path().join("no/a.mcap"), ..options };

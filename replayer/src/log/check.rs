@@ -361,7 +361,8 @@ impl Checker {
         if measured.is_empty() {
             self.find(Severity::Error, "nothing_recorded", "it says that it has no pictures, and holds nothing else");
         } else {
-            let what = format!("recorded without pictures, as was asked: {}; there is nothing to replay", measured.join(", "));
+            let what =
+                format!("recorded without pictures, as was asked: {}; there is nothing to replay", measured.join(", "));
             self.find(Severity::Note, "no_pictures", what);
         }
     }

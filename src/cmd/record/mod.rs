@@ -84,7 +84,7 @@ impl Record {
         }
         let stop = stop_signals()?;
         let camera = self.camera.source(progress)?;
-        let sources: Vec<Box<dyn Source>> = camera.into_iter().chain(self.mocap.source()).collect();
+        let sources: Vec<Box<dyn Source>> = camera.into_iter().chain(self.mocap.source()?).collect();
         if sources.is_empty() {
             return Err(Usage("there is nothing to record: neither a camera nor motion capture".to_owned()).into());
         }
