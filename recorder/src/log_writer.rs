@@ -19,6 +19,20 @@ const CHUNK_BYTES: u64 = 1 << 20;
 /// The fastest usual level: depth images at level 9 are a fifth smaller and take six times as long.
 const COMPRESSION_LEVEL: u32 = 1;
 
+/// An error with its causes: the container library calls every refusal of the disk an "I/O error".
+fn in_full(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        let more = error.to_string();
+        if !text.contains(&more) {
+            text = format!("{text}: {more}");
+        }
+        cause = error.source();
+    }
+    text
+}
+
 /// How to write a log.
 #[derive(Debug, Clone)]
 pub struct LogOptions {
@@ -65,7 +79,7 @@ pub enum WriteError {
         source: io::Error,
     },
     /// The container library refuses.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {}", path.display(), in_full(source))]
     Container {
         /// The file.
         path: PathBuf,

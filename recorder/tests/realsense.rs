@@ -6,6 +6,10 @@
 mod realsense_support;
 
 use realsense_support::{assert_same, collect, ending, library, record, samples, samples_of_log, spec};
+use recorder::capture::{
+    Allowed, CameraSetup, CameraSource, Encoding, EndedBy, Limits, Pace, RecordOptions, SystemClock,
+    record as record_all,
+};
 use recorder::import::realsense;
 use recorder::realsense::*;
 use schemas::alignment::{Intrinsics, LensModel};
@@ -27,6 +31,19 @@ fn a_synthetic_camera_gives_what_it_was_fed() {
     let fed = samples(MODE, 20);
     let got = collect(&camera, &selection.profiles, || fed.iter().for_each(|sample| software.feed(sample).unwrap()));
     assert_same(&fed, &got);
+}
+
+/// librealsense 2.56 keeps the extrinsics of all devices in one list that it does not lock: without the recorder's own lock
+/// this ends in a segmentation fault.
+#[test]
+fn cameras_are_made_on_several_threads() {
+    let Some((library, _one)) = library() else { return };
+    std::thread::scope(|scope| {
+        let make = || (0..300).for_each(|_| drop(SoftwareCamera::new(&library, &spec(MODE)).unwrap()));
+        for thread in [(); 8].map(|()| scope.spawn(make)) {
+            thread.join().unwrap();
+        }
+    });
 }
 
 #[test]
@@ -151,6 +168,76 @@ fn planted_faults_are_found() {
         }
     }
     assert_eq!(counters, [1, 2, 5, 6], "the hole is where it was planted");
+}
+
+fn opened(context: &Arc<Context>, serial: &str) -> Result<(Camera, CameraSetup), CameraError> {
+    let camera = context.open(Some(serial))?;
+    let calibration = Arc::new(camera.calibration(&camera.select(&ALL)?.profiles)?);
+    let (library, device) = ("librealsense".to_owned(), camera.describe()?);
+    Ok((camera, CameraSetup { library, device, calibration, attribute_names: Vec::new() }))
+}
+
+/// The library takes a device away while it streams, and has it again a second later. It is the library that tells, by its
+/// callback and its list of devices, as of a camera that is pulled out.
+#[test]
+fn an_unplugged_camera_is_told_and_comes_back() {
+    let Some((library, _one)) = library() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join(format!("camera.{}", ending(&library)));
+    let (fed, spec) = (samples(MODE, 120), spec(MODE));
+    record(&library, &spec, &fed, &file);
+    let context = Arc::new(Context::new(&library).unwrap());
+    context.add_recording(&file).unwrap();
+    let first = opened(&context, &spec.serial).unwrap();
+    let again = {
+        let (context, serial) = (Arc::clone(&context), spec.serial.clone());
+        Box::new(move || opened(&context, &serial))
+    };
+    let log = folder.path().join("log.mcap");
+    let options = RecordOptions {
+        path: log.clone(),
+        force: false,
+        flush_interval: std::time::Duration::from_millis(200),
+        duration: None,
+        reserve_bytes: 0,
+        encoding: Encoding::Auto,
+        synchronise: true,
+        allowed: Allowed::default(),
+        limits: Limits::default(),
+        onlookers: Vec::new(),
+        program: "test".to_owned(),
+        asked: Default::default(),
+    };
+    let (mut plugged, mut happened, mut before) = (true, Vec::new(), 0);
+    let source = CameraSource::new(first, again, Pace::Recorded);
+    let verdict = record_all(vec![Box::new(source)], &options, Arc::new(SystemClock), &|| false, &mut |status| {
+        happened.extend(status.happenings.iter().map(|happening| format!("{}: {}", happening.name, happening.text)));
+        let is_lost = happened.iter().any(|text| text.starts_with("camera.lost"));
+        if plugged && !is_lost && status.streams.iter().all(|stream| stream.counts.received > 20) {
+            plugged = false;
+            before = status.streams[0].counts.received;
+            context.remove_recording(&file).unwrap();
+        } else if !plugged && is_lost {
+            plugged = true;
+            context.add_recording(&file).unwrap();
+        }
+    });
+    let verdict = verdict.unwrap();
+    assert!(happened.iter().any(|text| text == "camera.lost: it was unplugged or has reset itself"), "{happened:?}");
+    assert!(happened.iter().any(|text| text.starts_with("camera.back: connection 1 to ")), "{happened:?}");
+    assert_eq!(verdict.ended_by, EndedBy::Source("camera".to_owned()));
+    assert!(verdict.reasons.iter().any(|reason| reason.starts_with("camera was away for ")), "{:?}", verdict.reasons);
+    // What came before stands, and after it the whole recording once more.
+    let kept = samples_of_log(&log);
+    let colors = |samples: &[Sample]| -> Vec<Sample> {
+        let is_color = |s: &&Sample| matches!(s, Sample::Frame(frame) if frame.format == Format::Rgb8);
+        samples.iter().filter(is_color).cloned().collect()
+    };
+    let (kept, fed) = (colors(&kept), colors(&fed));
+    let cut = kept.len() - fed.len();
+    assert!(cut as u64 >= before && cut < fed.len(), "{cut} pictures before it was unplugged, {before} were told");
+    assert_same(&fed[..cut], &kept[..cut]);
+    assert_same(&fed, &kept[cut..]);
 }
 
 /// The library's own camera model, which its headers offer to everybody.

@@ -10,6 +10,7 @@ mod edit;
 mod json;
 mod layers;
 mod record;
+mod record_faults;
 mod repo_lint;
 mod report;
 mod share;

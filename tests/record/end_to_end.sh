@@ -2,19 +2,22 @@
 # A synthetic D435i inside the real librealsense and a simulated Vicon, recorded together: from librealsense's software
 # device, and from recordings by librealsense (.bag, .db3) that are played as cameras. Planted faults must be found, every
 # pixel and metadata value must be what was fed, offset, drift and hand-eye transform what was planted; the log replays.
-# MODE is the size and rate, 640x480@30 if not set; WAYS which of `live` and `play`.
+# MODE is the size and rate, 640x480@30 if not set; WAYS which of `live` and `play`; LENS bends the colour pictures, as
+# 0.12,-0.05,0.001,-0.001,0; VERSIONS which of `2.56.5.9235:bag` and `2.59.1.11053:db3`.
 # Usage: end_to_end.sh PSLAM SYNTHETIC_D435I PYTHON SECONDS [DIR]; PYTHON has the packages mcap and mcap-ros2-support.
 set -euo pipefail
 here=$(cd "$(dirname "$0")/../.." && pwd)
 mode=${MODE:-640x480@30} ways=${WAYS:-live play}
 pslam=$1 d435i=$2 python=$3 seconds=$4
 libraries=${5:-${CARGO_TARGET_DIR:-$here/target}/ci/librealsense}
+versions=${VERSIONS:-2.56.5.9235:bag 2.59.1.11053:db3}
 work=$(mktemp -d)
 sim=
 trap 'if [ -n "$sim" ]; then kill "$sim" 2>/dev/null || true; fi; rm -rf "$work"' EXIT
 
 offset_ms=37.3 drift_ppm=20 marker=0.05,-0.03,0.02,0.1,-0.2,0.05,0.9733
 plan=(pictures "$work/pictures" seconds "$seconds" mode "$mode" usb 2.1 drift "$drift_ppm" wrap 2 drop color:40-44 drop depth:50-50)
+[ -z "${LENS:-}" ] || plan+=(lens "$LENS")
 
 exits() { # wanted code, command...
     local wanted=$1 code=0
@@ -57,7 +60,7 @@ inspect() { # log, what the recorder told
 
 echo "rendering"
 "$d435i" truth "$work/truth.txt" "${plan[@]}" 2>/dev/null
-for pair in 2.56.5.9235:bag 2.59.1.11053:db3; do
+for pair in $versions; do
     version=${pair%:*}
     code=0
     library=$("$here/tests/realsense/fetch.sh" "$version" "$libraries") || code=$?

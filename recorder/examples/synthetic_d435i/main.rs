@@ -22,6 +22,7 @@
 //! | `no-metadata` | `color`: that stream has no metadata |
 //! | `usb` | `2.1`: what the camera says about its link |
 //! | `wrap` | seconds after the start at which the device's 32-bit microsecond counter begins again |
+//! | `lens` | `K1,K2,P1,P2,K3`: how the colour camera's lens bends its pictures (librealsense's inverse Brown-Conrady) |
 //! | `drift` | how much faster than the world the device's clock runs, parts per million |
 //!
 //! Colour and depth have different fields of view and stand, like the inertial unit, at the same point. At most
@@ -29,6 +30,7 @@
 //! frame stands in its first pixels, so that no two frames are the same.
 
 mod compare;
+mod lens;
 mod live;
 #[path = "../../tests/realsense_support/log.rs"]
 #[allow(clippy::unwrap_used, reason = "a test's support: it fails by panicking")]

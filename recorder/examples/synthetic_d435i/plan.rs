@@ -15,6 +15,8 @@ pub struct Plan {
     pub vicon: Option<(String, String)>,
     /// Where rendered pictures are kept for the next time.
     pub pictures: Option<PathBuf>,
+    /// Coefficients of the colour camera's lens.
+    pub lens: [f32; 5],
     faults: Vec<Fault>,
 }
 
@@ -34,8 +36,16 @@ impl Plan {
     pub fn new(mut arguments: impl Iterator<Item = String>) -> Result<Self, Box<dyn Error>> {
         let mode = VideoMode { width: 640, height: 480, rate_hz: 30 };
         let scenario = "handheld".to_owned();
-        let mut plan =
-            Self { scenario, seconds: 9.0, mode, serial: None, vicon: None, pictures: None, faults: Vec::new() };
+        let mut plan = Self {
+            scenario,
+            seconds: 9.0,
+            mode,
+            serial: None,
+            vicon: None,
+            pictures: None,
+            lens: [0.0; 5],
+            faults: Vec::new(),
+        };
         while let Some(option) = arguments.next() {
             let value = arguments.next().ok_or_else(|| format!("{option} needs a value"))?;
             match option.as_str() {
@@ -57,6 +67,10 @@ impl Plan {
                 }
                 "system-time" => plan.faults.push(Fault::SystemTime(value)),
                 "no-metadata" => plan.faults.push(Fault::NoMetadata(value)),
+                "lens" => {
+                    let numbers: Vec<f32> = value.split(',').map(str::parse).collect::<Result<_, _>>()?;
+                    plan.lens = numbers.try_into().map_err(|_| "lens is written K1,K2,P1,P2,K3")?;
+                }
                 "usb" => plan.faults.push(Fault::Usb(value)),
                 "wrap" => plan.faults.push(Fault::Wrap { after_s: value.parse()? }),
                 "drift" => plan.faults.push(Fault::Drift { ppm: value.parse()? }),

@@ -1,5 +1,6 @@
 //! What a D435i would measure in the synthetic world.
 
+use crate::lens::bend;
 use crate::plan::Plan;
 use crate::planted;
 use fixtures::{CameraPath, Intrinsics, World, WorldConfig, scenario};
@@ -8,6 +9,7 @@ use recorder::realsense::{
     Format, Frame, FrameHeader, Motion, Sample, SoftwareSpec, StreamId, StreamKind, TimestampDomain, VideoMode,
     metadata,
 };
+use schemas::alignment::{Intrinsics as Lens, LensModel};
 use slam_math::{Se3, float};
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -31,6 +33,8 @@ pub struct Rig {
     color: World,
     depth: World,
     mode: VideoMode,
+    /// Coefficients of the colour camera's lens.
+    lens: [f32; 5],
     /// The camera turns round after so many frames.
     turn: u32,
     /// Where rendered pictures are kept.
@@ -86,6 +90,7 @@ impl Rig {
             color: world(0.73)?,
             depth: world(0.53)?,
             mode,
+            lens: plan.lens,
             turn,
             store: plan.pictures.clone(),
             pictures: OnceLock::new(),
@@ -95,6 +100,7 @@ impl Rig {
     /// Tells the camera its lenses.
     pub fn calibrate(&self, spec: &mut SoftwareSpec) {
         for stream in &mut spec.calibration.streams {
+            let is_color = stream.profile.stream.kind == StreamKind::Color;
             let world = if stream.profile.stream.kind == StreamKind::Depth { &self.depth } else { &self.color };
             if let Some(intrinsics) = &mut stream.intrinsics {
                 let camera = world.camera();
@@ -102,6 +108,7 @@ impl Rig {
                 intrinsics.fy = camera.fy_px as f32;
                 intrinsics.cx = camera.cx_px as f32;
                 intrinsics.cy = camera.cy_px as f32;
+                intrinsics.coefficients = if is_color { self.lens } else { [0.0; 5] };
             }
         }
         spec.calibration.extrinsics.iter_mut().for_each(|pair| pair.transform.translation = [0.0; 3]);
@@ -219,7 +226,20 @@ impl Rig {
                 let units = |index| self.depth.frame(index).depth_units;
                 (0..=self.turn).map(|index| units(index).iter().flat_map(|v| v.to_le_bytes()).collect()).collect()
             });
-            let color = (0..=self.turn).map(|index| self.color.frame(index).rgb).collect();
+            let camera = self.color.camera();
+            let lens = Lens {
+                width: camera.width,
+                height: camera.height,
+                fx: camera.fx_px as f32,
+                fy: camera.fy_px as f32,
+                cx: camera.cx_px as f32,
+                cy: camera.cy_px as f32,
+                model: LensModel::InverseBrownConrady,
+                coefficients: self.lens,
+            };
+            let is_bent = self.lens.iter().any(|value| *value != 0.0);
+            let seen = |rgb: Vec<u8>| if is_bent { bend(&rgb, &lens) } else { rgb };
+            let color = (0..=self.turn).map(|index| seen(self.color.frame(index).rgb)).collect();
             [color, depth.join().expect("the renderer does not fail")]
         })
     }

@@ -1,7 +1,7 @@
 //! Runs a recording from its first to its last byte.
 
 use super::clock::{HostClock, HostTimeline, StepWatch, synchronisation};
-use super::disk::{folder_of, room_bytes};
+use super::disk::{folder_of, is_named, place_of, room_bytes};
 use super::effort::Encoding;
 use super::encode::Encoded;
 use super::inlet::{Allowed, Book, EndedBy, Inlet, Limits, Shared};
@@ -10,13 +10,14 @@ use super::lane::Wait;
 use super::onlooker::Onlooker;
 use super::outbox::{Progress, Scribe, append, encode_all, sync_all};
 use super::source::{End, Source};
-use super::status::{Status, StreamCounts, StreamStatus, Verdict};
+use super::status::{Status, StreamCounts, StreamStatus, Verdict, room_s};
 use super::stream::Stream;
 use crate::sync::{SyncOptions, solve};
 use crate::{Arrival, LogOptions, LogWriter, WriteError};
 use schemas::msg::{ClockPair, Header, level};
 use schemas::{Stamp, metadata, topics};
 use std::collections::BTreeMap;
+use std::fs::File;
 use std::path::PathBuf;
 use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -103,8 +104,9 @@ pub fn record(
     let mut run =
         Run { options, shared: &shared, progress: &progress, watch: StepWatch::new(start), start, last: None };
     run.introduce();
-    let (log, file) = run.run(log, sources, stop, told)?;
-    run.close(log, file)
+    let file = log.file()?;
+    let (log, partial) = run.run(log, &file, sources, stop, told)?;
+    run.close(log, &file, partial)
 }
 
 fn create(options: &RecordOptions) -> Result<LogWriter, RecordError> {
@@ -139,18 +141,19 @@ impl Run<'_> {
     fn run(
         &mut self,
         log: LogWriter,
+        file: &File,
         sources: Vec<Box<dyn Source>>,
         stop: &dyn Fn() -> bool,
         told: &mut dyn FnMut(&Status),
     ) -> Result<(Option<LogWriter>, PathBuf), RecordError> {
-        let (partial, file) = (log.partial().to_owned(), log.file()?);
+        let partial = log.partial().to_owned();
         let (sync, wake) = sync_channel(1);
         let shared = &**self.shared;
         let inlet = Inlet { shared: Arc::clone(self.shared), wait: Wait::AtMost(self.options.limits.patience) };
         let scribe = Scribe { shared, progress: self.progress, flush_interval: self.options.flush_interval, sync };
         let log = std::thread::scope(|scope| {
             let writer = scope.spawn(move || scribe.write_all(log));
-            scope.spawn(move || sync_all(&file, &wake, shared));
+            scope.spawn(move || sync_all(file, &wake, shared));
             let encoders =
                 [&shared.color, &shared.depth, &shared.small].map(|lane| scope.spawn(|| encode_all(lane, shared)));
             let labellers = labelling::start(scope, shared);
@@ -161,7 +164,7 @@ impl Run<'_> {
                     scope.spawn(move || keep_running(&mut *source, &inlet))
                 })
                 .collect();
-            self.watch_over(stop, told);
+            self.watch_over(&|| is_named(file, &partial), stop, told);
             // In the order of the flow: nothing that came in is lost on the way.
             sources.into_iter().for_each(|thread| drop(thread.join()));
             shared.labels.iter().for_each(|labels| labels.end(shared.clock.now()));
@@ -208,7 +211,7 @@ impl Run<'_> {
     }
 
     /// Looks after everything until the recording ends.
-    fn watch_over(&mut self, stop: &dyn Fn() -> bool, told: &mut dyn FnMut(&Status)) {
+    fn watch_over(&mut self, is_in_place: &dyn Fn() -> bool, stop: &dyn Fn() -> bool, told: &mut dyn FnMut(&Status)) {
         let mut next_ns = self.start.monotonic_ns + STATUS_NS;
         while !self.shared.is_stopping() {
             std::thread::sleep(TICK);
@@ -223,6 +226,11 @@ impl Run<'_> {
             if now.monotonic_ns >= next_ns {
                 next_ns = now.monotonic_ns + STATUS_NS;
                 self.look_at_clock(now);
+                if !is_in_place() {
+                    let text = format!("{} or its folder was moved or removed", self.options.path.display());
+                    self.shared.event(level::ERROR, "log.gone", &text);
+                    self.shared.end(EndedBy::WriteFailed(text));
+                }
                 let status = self.status(now);
                 if status.room_bytes == 0 {
                     self.shared.end(EndedBy::Reserve);
@@ -278,7 +286,8 @@ impl Run<'_> {
             },
             counts,
         });
-        let streams = streams.collect();
+        let streams: Vec<StreamStatus> = streams.collect();
+        let flushed = streams.iter().map(|stream| stream.counts.flushed).sum();
         let bytes_per_s = per_s(file_bytes, last.map_or(0, |(_, last)| last.file_bytes));
         let status = Status {
             kind: "status",
@@ -288,7 +297,7 @@ impl Run<'_> {
             bytes_per_s,
             waiting_bytes: self.shared.outbox.load().weight,
             room_bytes,
-            room_s: (bytes_per_s > 0.0).then(|| room_bytes as f64 / bytes_per_s),
+            room_s: room_s(room_bytes, bytes_per_s, flushed),
             clock: self.watch.health(),
             mocap: book.mocap,
             segmentation: self.shared.labels.as_ref().map(Labels::counts),
@@ -307,7 +316,7 @@ impl Run<'_> {
     }
 
     /// The last records, the log's name, and the verdict.
-    fn close(&mut self, log: Option<LogWriter>, partial: PathBuf) -> Result<Verdict, RecordError> {
+    fn close(&mut self, log: Option<LogWriter>, file: &File, partial: PathBuf) -> Result<Verdict, RecordError> {
         let now = self.shared.clock.now();
         self.watch.look(now);
         let (ended_by, setup) = {
@@ -334,13 +343,18 @@ impl Run<'_> {
         match finished {
             Some(Ok(bytes)) => verdict.file_bytes = bytes,
             other => {
-                if let Some(Err(error)) = other {
+                if let (Some(Err(error)), false) = (other, matches!(verdict.ended_by, EndedBy::WriteFailed(_))) {
                     verdict.ended_by = EndedBy::WriteFailed(error.to_string());
                 }
                 if let EndedBy::WriteFailed(error) = &verdict.ended_by {
                     verdict.reasons.push(error.clone());
                 }
-                verdict.reasons.push(format!("what was written stands in {}: recover it", partial.display()));
+                let place = place_of(file);
+                verdict.reasons.push(place.as_ref().map_or_else(
+                    || "the file was removed while it was written: nothing of it is left".to_owned(),
+                    |place| format!("what was written stands in {}: recover it", place.display()),
+                ));
+                let partial = place.unwrap_or(partial);
                 (verdict.complete, verdict.file, verdict.file_bytes) = (false, partial, self.written().0);
             }
         }

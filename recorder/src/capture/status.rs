@@ -40,6 +40,12 @@ pub struct Status {
     pub happenings: Vec<Happening>,
 }
 
+/// How long a room lasts, seconds. `None` as long as no measurement is in the file: the records at its start say nothing
+/// about how it will grow.
+pub(super) fn room_s(room_bytes: u64, bytes_per_s: f64, flushed: u64) -> Option<f64> {
+    (flushed > 0 && bytes_per_s > 0.0).then(|| room_bytes as f64 / bytes_per_s)
+}
+
 /// One stream.
 #[derive(Debug, Clone, Serialize)]
 pub struct StreamStatus {
@@ -74,8 +80,10 @@ impl fmt::Display for Status {
             write!(f, " | labels {labelled}/{pictures} skipped {} p50 {p50_ms:.0} ms", counts.skipped())?;
         }
         write!(f, " | {:.1} MB/s, {:.1} GB left", self.bytes_per_s / 1e6, self.room_bytes as f64 / 1e9)?;
-        if let Some(room_s) = self.room_s {
-            write!(f, " ({:.0} min)", room_s / 60.0)?;
+        match self.room_s {
+            Some(room_s) if room_s < 36_000.0 => write!(f, " ({:.0} min)", room_s / 60.0)?,
+            Some(room_s) => write!(f, " ({:.0} h)", room_s / 3600.0)?,
+            None => write!(f, " (time unknown)")?,
         }
         if self.clock.steps > 0 {
             write!(f, " | clock stepped {} x", self.clock.steps)?;
@@ -147,5 +155,36 @@ impl fmt::Display for Verdict {
             writeln!(f, "  {reason}")?;
         }
         writeln!(f, "{}", if self.complete { "complete: nothing is lost" } else { "INCOMPLETE" })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn time_left_is_unknown_before_there_is_a_speed() {
+        assert_eq!(room_s(100_000_000_000, 800.0, 0), None, "the records at the start alone");
+        assert_eq!(room_s(100_000_000_000, 0.0, 30), None);
+        assert_eq!(room_s(60_000_000, 1e6, 30), Some(60.0));
+        let mut status = Status {
+            kind: "status",
+            elapsed_s: 1.0,
+            streams: Vec::new(),
+            file_bytes: 800,
+            bytes_per_s: 800.0,
+            waiting_bytes: 0,
+            room_bytes: 100_000_000_000,
+            room_s: room_s(100_000_000_000, 800.0, 0),
+            clock: ClockHealth::default(),
+            mocap: MocapCounts::default(),
+            latency_p99_ms: 0.0,
+            happenings: Vec::new(),
+        };
+        assert_eq!(status.to_string(), "1 s | 0.0 MB/s, 100.0 GB left (time unknown)");
+        status.room_s = Some(600.0);
+        assert!(status.to_string().ends_with("left (10 min)"), "{status}");
+        status.room_s = Some(720_000.0);
+        assert!(status.to_string().ends_with("left (200 h)"), "{status}");
     }
 }

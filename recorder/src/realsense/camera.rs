@@ -259,8 +259,9 @@ impl Streaming {
     pub fn state(&self) -> Result<State, CameraError> {
         if self.playback {
             let status = self.device.api.playback_device_get_current_status(&self.device)?;
-            let ended = status == PLAYBACK_STOPPED && self.traffic.is_quiet();
-            return Ok(if ended { State::Ended } else { State::Running });
+            if status == PLAYBACK_STOPPED && self.traffic.is_quiet() {
+                return Ok(State::Ended);
+            }
         }
         let Some(context) = &self.context else { return Ok(State::Running) };
         let changes = context.changes();

@@ -99,6 +99,17 @@ impl Context {
         Ok(())
     }
 
+    /// Takes a recording away again, as unplugging does a camera: it is no longer among the devices, and whoever streams
+    /// from it is told [`State::Gone`](super::State::Gone).
+    ///
+    /// # Errors
+    /// The library refuses.
+    pub fn remove_recording(&self, file: &Path) -> Result<(), CameraError> {
+        let path =
+            CString::new(file.as_os_str().as_bytes()).map_err(|_| CameraError::Text(file.display().to_string()))?;
+        Ok(self.library.api.context_remove_device(&self.handle, &path)?)
+    }
+
     /// How often cameras have come or gone since the session began.
     pub(super) fn changes(&self) -> u64 {
         self.changes.count.load(Ordering::SeqCst)

@@ -33,7 +33,8 @@ impl FromStr for VideoMode {
             let (width, height) = size.split_once('x')?;
             Some(Self { width: width.parse().ok()?, height: height.parse().ok()?, rate_hz: rate.parse().ok()? })
         };
-        numbers().ok_or_else(|| format!("`{text}` is not a size and a rate like 640x480@30"))
+        let is_some = |mode: &Self| mode.width > 0 && mode.height > 0 && mode.rate_hz > 0;
+        numbers().filter(is_some).ok_or_else(|| format!("`{text}` is not a size and a rate like 640x480@30"))
     }
 }
 

@@ -17,7 +17,7 @@ use schemas::alignment::{Extrinsics, Intrinsics, LensModel};
 use std::ffi::CString;
 use std::os::unix::ffi::OsStrExt as _;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// What a synthetic camera says about itself.
 #[derive(Debug, Clone, PartialEq)]
@@ -92,6 +92,10 @@ fn sensor_name(kind: StreamKind) -> &'static str {
     }
 }
 
+/// librealsense appends what `rs2_register_extrinsics` is given to one list for all devices of the process, without a lock
+/// (seen in 2.56.5: a segmentation fault in that list's growth when two threads do). Only software devices go this way.
+static EXTRINSICS: Mutex<()> = Mutex::new(());
+
 struct Fed {
     profile: StreamProfile,
     sensor: Arc<Handle<raw::Sensor>>,
@@ -143,12 +147,14 @@ impl SoftwareCamera {
             streams.push(Fed { profile: calibration.profile, sensor, handle });
         }
         let camera = Self { device, streams, depth_units_m };
+        let guard = EXTRINSICS.lock().unwrap_or_else(PoisonError::into_inner);
         for StreamExtrinsics { from, to, transform } in &spec.calibration.extrinsics {
             let transform = RawExtrinsics { rotation: transform.rotation, translation: transform.translation };
             if let (Some(from), Some(to)) = (camera.stream(*from), camera.stream(*to)) {
                 api.register_extrinsics(&from.handle, &to.handle, transform)?;
             }
         }
+        drop(guard);
         Ok(camera)
     }
 

@@ -5,7 +5,9 @@
 mod labels;
 mod support;
 
-use recorder::capture::{Allowed, End, EndedBy, Limits, RecordError, Source, Stream, SystemClock, Verdict, record};
+use recorder::capture::{
+    Allowed, End, EndedBy, Limits, RecordError, RecordOptions, Source, Stream, SystemClock, Verdict, record,
+};
 use recorder::picture::decode_rgb8;
 use recorder::realsense::{Sample, StreamKind, TimestampDomain, metadata};
 use schemas::msg::{ClockPair, CompressedImage, FrameMetadata, Image, Imu};
@@ -114,7 +116,7 @@ fn a_full_queue_gives_up_the_oldest_and_says_so() {
     let path = folder.path().join("a.mcap");
     // Room for two pictures, and nobody waits.
     let limits = Limits { video_bytes: 5000, patience: Duration::ZERO, ..Limits::default() };
-    let verdict = run(&recorder::capture::RecordOptions { limits, ..options(&path) }, |_, inlet| {
+    let verdict = run(&RecordOptions { limits, ..options(&path) }, |_, inlet| {
         inlet.camera(&setup());
         (0..10).for_each(|number| inlet.sample(sample(StreamKind::Depth, number)));
         (0..10).for_each(|number| inlet.sample(sample(StreamKind::Gyro, number)));
@@ -224,7 +226,7 @@ fn frames_without_metadata_are_refused_unless_allowed() {
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing is left");
 
     let allowed = Allowed { missing_metadata: true };
-    let verdict = run(&recorder::capture::RecordOptions { allowed, ..options(&path) }, script);
+    let verdict = run(&RecordOptions { allowed, ..options(&path) }, script);
     assert!(verdict.complete, "{:?}", verdict.reasons);
     assert!(Recording::read(&path).events().iter().any(|event| event.name == "camera.metadata"));
 }
@@ -232,10 +234,63 @@ fn frames_without_metadata_are_refused_unless_allowed() {
 #[test]
 fn a_disk_without_room_is_told_before_anything_is_written() {
     let folder = tempfile::tempdir().unwrap();
-    let options =
-        recorder::capture::RecordOptions { reserve_bytes: u64::MAX, ..options(&folder.path().join("a.mcap")) };
+    let options = RecordOptions { reserve_bytes: u64::MAX, ..options(&folder.path().join("a.mcap")) };
     let full = record(Vec::new(), &options, Arc::new(SystemClock), &|| true, &mut |_| {});
     assert!(matches!(full, Err(RecordError::NoRoom { .. })), "{full:?}");
-    let nowhere = recorder::capture::RecordOptions { path: folder.path().join("no/a.mcap"), ..options };
+    let nowhere = RecordOptions { path: folder.path().join("no/a.mcap"), ..options };
     assert!(record(Vec::new(), &nowhere, Arc::new(SystemClock), &|| true, &mut |_| {}).is_err());
+}
+
+/// A picture of one colour, which compresses well.
+fn plain(number: u64) -> Sample {
+    let mut sample = sample(StreamKind::Color, number);
+    if let Sample::Frame(frame) = &mut sample {
+        frame.bytes.fill(number as u8);
+    }
+    sample
+}
+
+/// Pictures come faster than they can be compressed for a while, then slowly.
+#[test]
+fn compression_is_left_out_while_it_cannot_keep_up() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let picture_bytes = 3 * (WIDTH * HEIGHT) as usize;
+    // The queue takes eight pictures; the disk's is never full.
+    let limits = Limits { video_bytes: 8 * picture_bytes, ..Limits::default() };
+    const BURST: u64 = 400;
+    // Compression is tried again after 150 pictures.
+    const ALL: u64 = BURST + 200;
+    let verdict = run(&RecordOptions { limits, ..options(&path) }, |_, inlet| {
+        inlet.camera(&setup());
+        // It waits where the queue is full, as a file does: nothing is lost.
+        let inlet = inlet.patient();
+        for number in 0..ALL {
+            if number >= BURST {
+                std::thread::sleep(Duration::from_millis(5));
+            }
+            inlet.sample(plain(number));
+            inlet.sample(sample(StreamKind::Depth, number));
+        }
+        End::Finished
+    });
+    assert_eq!(counts(&verdict, Stream::Color).written, ALL, "{verdict}");
+    let log = Recording::read(&path);
+    let told: Vec<String> =
+        log.events().into_iter().filter(|event| event.name == "color.encoding").map(|event| event.msg).collect();
+    // How often depends on the machine; that it goes and comes back does not.
+    assert!(told.len() >= 2, "{told:?}");
+    let goes = |text: &String| text.contains("stored without compression from here on");
+    assert!(told.iter().enumerate().all(|(i, text)| goes(text) == (i % 2 == 0)), "{told:?}");
+    let pictures = log.messages(topics::COLOR);
+    assert_eq!(pictures.len() as u64, ALL);
+    let mut stored = Vec::new();
+    for (number, message) in pictures.iter().enumerate() {
+        let Sample::Frame(fed) = plain(number as u64) else { panic!() };
+        let picture = CompressedImage::decode(&message.data).unwrap();
+        assert_eq!(decode_rgb8(&picture.data).unwrap(), (WIDTH, HEIGHT, fed.bytes), "picture {number}");
+        stored.push(picture.data.len() > picture_bytes);
+    }
+    let changes = stored.windows(2).filter(|pair| pair[0] != pair[1]).count() + usize::from(stored[0]);
+    assert_eq!(changes, told.len(), "each change is told: {stored:?}");
 }

@@ -353,8 +353,25 @@ impl Checker {
         }
     }
 
+    /// A recording that was asked for without pictures has nothing to replay, which is no fault of it; one that holds
+    /// nothing else either is empty.
+    fn without_pictures(&mut self) {
+        let measured = recording::MEASURED.iter().filter(|topic| self.last_of_topic.contains_key(**topic));
+        let measured: Vec<&str> = measured.copied().collect();
+        if measured.is_empty() {
+            self.find(Severity::Error, "nothing_recorded", "it says that it has no pictures, and holds nothing else");
+        } else {
+            let what =
+                format!("recorded without pictures, as was asked: {}; there is nothing to replay", measured.join(", "));
+            self.find(Severity::Note, "no_pictures", what);
+        }
+    }
+
     /// Pairing, masks and ground truth against the pictures.
     fn frames(&mut self) {
+        if self.log.colors().is_empty() && recording::says_no_pictures(&self.log) {
+            return self.without_pictures();
+        }
         let timeline = match self.log.timeline(None) {
             Ok(timeline) => timeline,
             Err(error) => return self.find(Severity::Error, "no_timeline", error.to_string()),

@@ -76,6 +76,17 @@ pub(super) fn is_decoded(topic: &str, data: &[u8]) -> Result<bool, String> {
     Ok(true)
 }
 
+/// What sensors measure, apart from pictures in colour.
+pub(super) const MEASURED: [&str; 4] = [topics::DEPTH_NATIVE, topics::GYRO, topics::ACCEL, topics::MOCAP];
+
+/// Whether a recording says that no colour pictures were asked for: no camera, or one without its colour.
+pub(super) fn says_no_pictures(log: &Log) -> bool {
+    let asked = |key: &str, value: &str| {
+        log.metadata.get(metadata::RECORDING).and_then(|record| record.get(key)).is_some_and(|told| told == value)
+    };
+    asked("option/source", "none") || asked("option/color", "off")
+}
+
 /// What a recording's own words come to.
 pub(super) fn findings(log: &Log) -> Vec<(Severity, &'static str, String)> {
     if !log.metadata.contains_key(metadata::RECORDING) {

@@ -92,10 +92,35 @@ fn option(text: &str) -> Result<(String, f32), String> {
 impl CameraArgs {
     /// The source; `None` without a camera.
     pub fn source(&self, progress: Progress) -> anyhow::Result<Option<Box<dyn Source>>> {
+        self.check()?;
         match self.kind {
             Kind::Realsense => self.realsense().map(Some),
             Kind::Synthetic => Ok(Some(Box::new(Synthetic::new(self.wish(), progress)?))),
             Kind::None => Ok(None),
+        }
+    }
+
+    /// Refuses what would be passed over in silence.
+    fn check(&self) -> Result<(), Usage> {
+        if self.kind != Kind::None && self.color.0.is_none() && self.depth.0.is_none() && !self.imu {
+            return Err(Usage(
+                "colour and depth are off and --imu is not there: --source none records no camera".to_owned(),
+            ));
+        }
+        let of_a_realsense = [
+            (self.serial.is_some(), "--serial"),
+            (self.emitter.is_some(), "--emitter"),
+            (self.exposure.is_some(), "--exposure"),
+            (self.preset.is_some(), "--preset"),
+            (!self.option.is_empty(), "--option"),
+            (self.librealsense.is_some(), "--librealsense"),
+            (self.play.is_some(), "--play"),
+        ];
+        match of_a_realsense.into_iter().find(|(is_given, _)| *is_given) {
+            Some((_, name)) if self.kind != Kind::Realsense => {
+                Err(Usage(format!("{name} is for a RealSense camera, and --source asks for another")))
+            }
+            _ => Ok(()),
         }
     }
 

@@ -1,6 +1,7 @@
 //! Which motion capture system.
 
 use super::asked;
+use crate::Usage;
 use recorder::capture::{MotionCapture, Source};
 use recorder::mocap::MocapSource;
 use recorder::mocap::udp::{UdpOptions, UdpSource};
@@ -31,7 +32,10 @@ pub struct MocapArgs {
 
 impl MocapArgs {
     /// The source; `None` if none was asked for.
-    pub fn source(&self) -> Option<Box<dyn Source>> {
+    ///
+    /// # Errors
+    /// Subjects of no system.
+    pub fn source(&self) -> Result<Option<Box<dyn Source>>, Usage> {
         let subjects = self.subject.clone();
         let vicon = self.vicon.as_deref().map(|address| -> Box<dyn MocapSource> {
             let markers = self.markers;
@@ -47,8 +51,11 @@ impl MocapArgs {
         let udp = self.udp.as_deref().map(|listen| -> Box<dyn MocapSource> {
             Box::new(UdpSource::new(UdpOptions { listen: listen.to_owned(), subjects: subjects.clone() }))
         });
-        let source = vicon.or(vrpn).or(udp)?;
-        Some(Box::new(MotionCapture::new(source)))
+        match vicon.or(vrpn).or(udp) {
+            Some(source) => Ok(Some(Box::new(MotionCapture::new(source)))),
+            None if self.subject.is_empty() => Ok(None),
+            None => Err(Usage("--subject needs a motion capture system: --vicon, --vrpn or --udp".to_owned())),
+        }
     }
 
     /// What was asked for, for the log.

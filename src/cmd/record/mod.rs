@@ -83,10 +83,13 @@ impl Record {
         if self.flush_interval < Duration::from_millis(20) {
             return Err(Usage("--flush-interval below 20 ms writes more overhead than data".to_owned()).into());
         }
+        if self.duration == Some(Duration::ZERO) {
+            return Err(Usage("--duration 0 records nothing".to_owned()).into());
+        }
         let stop = stop_signals()?;
         let labelling = self.segment.labelling()?;
         let camera = self.camera.source(progress)?;
-        let sources: Vec<Box<dyn Source>> = camera.into_iter().chain(self.mocap.source()).collect();
+        let sources: Vec<Box<dyn Source>> = camera.into_iter().chain(self.mocap.source()?).collect();
         if sources.is_empty() {
             return Err(Usage("there is nothing to record: neither a camera nor motion capture".to_owned()).into());
         }

@@ -56,6 +56,7 @@ api! {
         pub get_api_version() -> i32;
         pub create_context(version: i32) -> Owned<Context>;
         pub context_add_device(context: Context, file: Text) -> Owned<Device>;
+        pub context_remove_device(context: Context, file: Text) -> ();
         pub query_devices(context: Context) -> Owned<DeviceList>;
         pub(super) set_devices_changed_callback(context: Context, callback: ChangeCallback, user: Pointer) -> ();
         pub get_device_count(list: DeviceList) -> i32;
