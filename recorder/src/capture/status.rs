@@ -178,6 +178,7 @@ mod tests {
             room_s: room_s(100_000_000_000, 800.0, 0),
             clock: ClockHealth::default(),
             mocap: MocapCounts::default(),
+            segmentation: None,
             latency_p99_ms: 0.0,
             happenings: Vec::new(),
         };
