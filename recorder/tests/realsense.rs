@@ -195,6 +195,7 @@ fn an_unplugged_camera_is_told_and_comes_back() {
     };
     let log = folder.path().join("log.mcap");
     let options = RecordOptions {
+        labelling: None,
         path: log.clone(),
         force: false,
         flush_interval: std::time::Duration::from_millis(200),
