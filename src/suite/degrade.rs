@@ -1,9 +1,11 @@
 //! Harder versions of a log: what goes wrong on a robot, done to a sequence with known truth.
 
+use super::kidnap::write_kidnapped;
 use anyhow::Context as _;
 use recorder::picture::encode_rgb8;
 use recorder::{LayerSpec, LogOptions, Mask, RgbdLog, RgbdSpec};
-use replayer::log::{DecodedFrame, Log, RgbImage, decode};
+use replayer::log::{DecodedFrame, Log, RgbImage, Timeline, decode};
+use schemas::calibration::CameraModel;
 use schemas::msg::format;
 use schemas::{Stamp, topics};
 use serde::{Deserialize, Serialize};
@@ -28,6 +30,8 @@ pub enum Degrade {
     /// A printed board half a metre away moves before the camera for three seconds in the middle and hides 70 % of the
     /// picture; its pixels are unknown to the segmentation.
     Cover,
+    /// The camera is taken away and put down where it has not been, from where it comes back, see [`super::kidnap`].
+    Kidnapped,
 }
 
 /// Seed of all draws here.
@@ -64,6 +68,23 @@ impl Degrade {
         };
         let options = LogOptions { force: true, ..LogOptions::default() };
         let mut writer = RgbdLog::create(out, &options, &spec)?;
+        if self == Self::Kidnapped {
+            write_kidnapped((&log, layer, source), &camera, &mut writer, progress)?;
+        } else {
+            self.write_changed((&log, source), (&timeline, &camera), &mut writer, progress)?;
+        }
+        writer.finish()?;
+        Ok(())
+    }
+
+    /// Frame by frame in the order of the source, stamps as they are.
+    fn write_changed(
+        self,
+        (log, source): (&Log, &Path),
+        (timeline, camera): (&Timeline, &CameraModel),
+        writer: &mut RgbdLog,
+        progress: &mut dyn FnMut(usize, usize),
+    ) -> anyhow::Result<()> {
         let mut truth = log.ground_truth().poses.iter().peekable();
         let scene = Scene::new(timeline.frames().iter().map(|frame| frame.stamp));
         for raw in timeline.stream(0..timeline.frames().len())? {
@@ -76,15 +97,14 @@ impl Degrade {
             if !self.keeps(raw.index) {
                 continue;
             }
-            let mut frame = decode(&raw, &camera).with_context(|| source.display().to_string())?;
+            let mut frame = decode(&raw, camera).with_context(|| source.display().to_string())?;
             self.change(&mut frame, &scene);
-            write(&mut writer, frame)?;
+            write(writer, frame)?;
         }
         for pose in truth {
             let world = &pose.world_from_camera;
             writer.ground_truth(pose.stamp, world.translation.into(), world.quaternion_xyzw())?;
         }
-        writer.finish()?;
         Ok(())
     }
 
@@ -98,7 +118,7 @@ impl Degrade {
 
     fn change(self, frame: &mut DecodedFrame, scene: &Scene) {
         match self {
-            Self::DropTenth | Self::EveryFifth => {}
+            Self::DropTenth | Self::EveryFifth | Self::Kidnapped => {}
             Self::NoDepth if scene.middle(2.0).contains(&frame.stamp) => frame.depth = None,
             Self::Cover if scene.middle(3.0).contains(&frame.stamp) => cover(frame, scene.seconds(frame.stamp)),
             Self::NoDepth | Self::Cover => {}
@@ -176,7 +196,8 @@ fn cover(frame: &mut DecodedFrame, seconds: f64) {
     }
 }
 
-fn write(log: &mut RgbdLog, frame: DecodedFrame) -> anyhow::Result<()> {
+/// Writes a decoded frame.
+pub(super) fn write(log: &mut RgbdLog, frame: DecodedFrame) -> anyhow::Result<()> {
     let DecodedFrame { stamp, rgb, depth, mask, .. } = frame;
     log.log().flush_if_due(stamp)?;
     let (earlier, later): (Vec<_>, Vec<_>) = depth.iter().partition(|depth| depth.stamp < stamp);
@@ -246,7 +267,29 @@ mod tests {
                 Degrade::NoDepth => assert_eq!(found, (0, 0, 10)),
                 Degrade::ExposureSteps | Degrade::MotionBlur => assert_eq!(found, (0, 10, 0)),
                 Degrade::Cover => assert_eq!(found, (0, 15, 15)),
+                Degrade::Kidnapped => unreachable!("it has stamps of its own"),
             }
         }
+    }
+
+    #[test]
+    fn a_kidnapped_camera_sees_the_source_in_another_order() {
+        let folder = tempfile::tempdir().unwrap();
+        let (source, out) = (source(folder.path()), folder.path().join("harder.mcap"));
+        Degrade::Kidnapped.apply(&source, &out, &mut |_, _| {}).unwrap();
+        let (before, after) = (frames(&source), frames(&out));
+        let order: Vec<usize> = (0..8).chain((4..20).rev()).collect();
+        assert_eq!(after.len(), order.len());
+        for (new, index) in after.iter().zip(order) {
+            let old = &before[index];
+            assert_eq!((&new.rgb, &new.mask), (&old.rgb, &old.mask), "frame {index}");
+            assert_eq!(new.depth.as_ref().map(|d| &d.units), old.depth.as_ref().map(|d| &d.units), "frame {index}");
+        }
+        let truth = |path, stamp| {
+            let log = Log::open(path).unwrap();
+            let near = log.ground_truth().poses.iter().min_by_key(|pose| pose.stamp.0.abs_diff(stamp));
+            near.unwrap().world_from_camera
+        };
+        assert_eq!(truth(&out, after[8].stamp.0), truth(&source, before[19].stamp.0), "put down at the end");
     }
 }

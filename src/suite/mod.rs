@@ -4,6 +4,7 @@
 //! are not on this machine are said to be missing and left out; everything else is run once and tabulated.
 
 mod degrade;
+mod kidnap;
 mod run;
 mod source;
 pub mod spec;

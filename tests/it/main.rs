@@ -8,6 +8,7 @@ mod data;
 mod determinism;
 mod edit;
 mod json;
+mod kidnapped;
 mod layers;
 mod record;
 mod record_faults;

@@ -148,3 +148,16 @@ fn times_at_the_edges_and_flags_that_do_not_go_together() {
     assert_eq!(verdict(lines)["ended_by"]["kind"], "request");
     assert!(huge.wait().unwrap().code().is_some());
 }
+
+/// Nothing listens at the address: the length that was asked for holds all the same.
+#[test]
+fn a_motion_capture_system_that_never_answers() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("a.mcap");
+    let asked =
+        ["record", "--source", "none", "--vicon", "127.0.0.1:1", "--duration", "1s", "--reserve", "1M", "--json"];
+    let told = pslam_exits(1, &[&asked[..], &["-o", text(&log)]].concat());
+    let verdict: Value = told.lines().filter_map(|line| serde_json::from_str(line).ok()).next_back().unwrap();
+    assert_eq!(verdict["ended_by"]["kind"], "duration");
+    assert!(says(&verdict, "mocap: nothing came"), "{verdict}");
+}

@@ -32,7 +32,7 @@ pub struct RecordOptions {
     pub force: bool,
     /// What the death of this process may cost at most.
     pub flush_interval: Duration,
-    /// End after so long, counted from the first measurement.
+    /// End after so long, counted from the first measurement; after so long too if none comes at all.
     pub duration: Option<Duration>,
     /// End when the disk has no more room than this, bytes.
     pub reserve_bytes: u64,
@@ -216,8 +216,8 @@ impl Run<'_> {
         while !self.shared.is_stopping() {
             std::thread::sleep(TICK);
             let now = self.shared.clock.now();
-            let first = self.shared.book().first;
-            let passed = first.map_or(0, |first| self.shared.host.stamp(now).0 - first.0);
+            let since = self.shared.book().first.unwrap_or_else(|| self.shared.host.stamp(self.start));
+            let passed = self.shared.host.stamp(now).0 - since.0;
             if stop() {
                 self.shared.end(EndedBy::Request);
             } else if self.options.duration.is_some_and(|duration| passed >= duration.as_nanos() as i64) {

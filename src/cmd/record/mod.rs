@@ -34,7 +34,7 @@ pub struct Record {
     camera: CameraArgs,
     #[command(flatten)]
     mocap: MocapArgs,
-    /// End after so long, as 90, 90s, 5m, 1h; default: at Ctrl-C.
+    /// End after so long, counted from the first measurement, as 90, 90s, 5m, 1h; default: at Ctrl-C.
     #[arg(long, value_name = "TIME", value_parser = seconds)]
     duration: Option<Duration>,
     /// End when the disk has no more room than this, as 500M, 2G.
