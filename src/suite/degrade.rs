@@ -290,6 +290,8 @@ mod tests {
             let near = log.ground_truth().poses.iter().min_by_key(|pose| pose.stamp.0.abs_diff(stamp));
             near.unwrap().world_from_camera
         };
-        assert_eq!(truth(&out, after[8].stamp.0), truth(&source, before[19].stamp.0), "put down at the end");
+        let [put_down, end] = [truth(&out, after[8].stamp.0), truth(&source, before[19].stamp.0)];
+        assert_eq!(put_down.translation, end.translation);
+        assert!((put_down.rotation - end.rotation).norm() < 1e-12, "through a quaternion and back");
     }
 }
