@@ -51,6 +51,16 @@ pub struct Measurement {
     pub payload: Payload,
 }
 
+impl Measurement {
+    /// Log time of a picture.
+    pub fn picture_stamp(&self) -> Option<Stamp> {
+        match &self.payload {
+            Payload::Picture { time, .. } => Some(time.stamp),
+            Payload::Motion { .. } | Payload::Mocap { .. } => None,
+        }
+    }
+}
+
 /// What was measured.
 pub enum Payload {
     Picture { frame: Arc<Frame>, time: DeviceTime, calibration: Arc<Calibration> },

@@ -168,9 +168,10 @@ impl Run<'_> {
             // In the order of the flow: nothing that came in is lost on the way.
             sources.into_iter().for_each(|thread| drop(thread.join()));
             shared.labels.iter().for_each(|labels| labels.end(shared.clock.now()));
-            labellers.into_iter().for_each(|thread| drop(thread.join()));
             [&shared.color, &shared.depth, &shared.small].into_iter().for_each(super::lane::Lane::close);
             encoders.into_iter().for_each(|thread| drop(thread.join()));
+            shared.labels.iter().for_each(|labels| labels.passed(Stamp(i64::MAX)));
+            labellers.into_iter().for_each(|thread| drop(thread.join()));
             shared.outbox.close();
             writer.join().ok().flatten()
         });

@@ -42,21 +42,25 @@ pub(super) fn encode_all(lane: &Lane<Measurement>, shared: &Shared) {
         {
             shared.event(level::WARN, "color.encoding", text);
         }
-        let messages = match shared.encoder.encode(&measurement, effort.packing()) {
-            Ok(messages) => messages,
+        let stamp = measurement.picture_stamp();
+        match shared.encoder.encode(&measurement, effort.packing()) {
+            Ok(messages) => {
+                let arrival_ns = measurement.arrival.monotonic_ns;
+                drop(measurement);
+                let weight = messages.iter().map(|message| message.bytes.len()).sum();
+                let item = Item::Measured { stream, counter, arrival_ns, messages };
+                // The disk is slower: the encoder waits, its lane fills, and the lane gives up the oldest.
+                for lost in shared.outbox.push(item, weight, Wait::Forever) {
+                    shared.unwritten(&lost);
+                }
+            }
             Err(error) => {
                 shared.event(level::ERROR, "measurement.unfit", &error.to_string());
                 shared.lost(&measurement, Cause::Disk);
-                continue;
             }
-        };
-        let arrival_ns = measurement.arrival.monotonic_ns;
-        drop(measurement);
-        let weight = messages.iter().map(|message| message.bytes.len()).sum();
-        let item = Item::Measured { stream, counter, arrival_ns, messages };
-        // The disk is slower: the encoder waits, its lane fills, and the lane gives up the oldest.
-        for lost in shared.outbox.push(item, weight, Wait::Forever) {
-            shared.unwritten(&lost);
+        }
+        if let (Stream::Color, Some(labels), Some(stamp)) = (stream, &shared.labels, stamp) {
+            labels.passed(stamp);
         }
     }
 }

@@ -150,6 +150,9 @@ fn a_mask_that_is_due_and_not_ready_is_never_written() {
     let stamp = |record: &LabelRecord| Stamp::from(record.header.stamp);
     let pictures: Vec<Stamp> = recording.messages(topics::COLOR).iter().map(|m| m.log_time).collect();
     assert_eq!(records.iter().map(stamp).collect::<Vec<_>>(), pictures, "one record a picture, with its stamp");
+    let places = |topic: &str| recording.messages(topic).iter().map(|m| m.place).collect::<Vec<_>>();
+    let behind = places(topics::COLOR).into_iter().zip(places(topics::LABELS)).all(|(picture, label)| picture < label);
+    assert!(behind, "labels come behind their picture");
     assert!(records.iter().all(|record| record.counter == record.picture && record.layer == "slow"));
     assert!(
         records

@@ -155,6 +155,8 @@ pub fn run(options: &RecordOptions, script: impl FnMut(usize, &Inlet) -> End + S
 
 /// A message as it stands in the file.
 pub struct Stored {
+    /// Place among all messages of the file.
+    pub place: usize,
     pub log_time: Stamp,
     pub publish_time: Stamp,
     pub data: Vec<u8>,
@@ -170,10 +172,10 @@ impl Recording {
     pub fn read(path: &Path) -> Self {
         let bytes = std::fs::read(path).unwrap();
         let mut topics: BTreeMap<String, Vec<Stored>> = BTreeMap::new();
-        for message in mcap::MessageStream::new(&bytes).unwrap() {
+        for (place, message) in mcap::MessageStream::new(&bytes).unwrap().enumerate() {
             let message = message.unwrap();
             let [log_time, publish_time] = [message.log_time, message.publish_time].map(|ns| Stamp(ns as i64));
-            let stored = Stored { log_time, publish_time, data: message.data.to_vec() };
+            let stored = Stored { place, log_time, publish_time, data: message.data.to_vec() };
             topics.entry(message.channel.topic.clone()).or_default().push(stored);
         }
         let records = mcap::read::LinearReader::new(&bytes).unwrap().filter_map(|record| match record.unwrap() {

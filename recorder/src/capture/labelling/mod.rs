@@ -153,6 +153,8 @@ pub(super) struct Labels {
 
 struct State {
     schedule: Schedule<Arc<Frame>>,
+    /// Pictures up to here are on their way to the log: labels come behind their picture, and so behind its calibration.
+    passed: Stamp,
     /// From the oldest picture that is not written yet to the newest, by number.
     pictures: BTreeMap<u64, Tracked>,
     counts: LabelCounts,
@@ -197,9 +199,10 @@ impl State {
         decided.filter(|decision| decision.mask.is_some()).count()
     }
 
-    /// The oldest picture, if it is decided.
+    /// The oldest picture, if it is decided and before us in the log.
     fn pop_decided(&mut self) -> Option<(u64, Tracked)> {
-        let oldest = self.pictures.first_entry().filter(|oldest| oldest.get().decided.is_some())?;
+        let is_due = |picture: &Tracked| picture.decided.is_some() && picture.stamp <= self.passed;
+        let oldest = self.pictures.first_entry().filter(|oldest| is_due(oldest.get()))?;
         Some(oldest.remove_entry())
     }
 }
@@ -215,7 +218,7 @@ impl Labels {
             asked: asked.clone(),
             description: layer.record(&asked.layer.origin),
             layer: Mutex::new(Some(layer)),
-            state: Mutex::new(State { schedule, pictures, counts, times, complaint }),
+            state: Mutex::new(State { schedule, passed: Stamp(i64::MIN), pictures, counts, times, complaint }),
             changed: Condvar::new(),
         })
     }
@@ -243,6 +246,14 @@ impl Labels {
         values.insert("live/rule".to_owned(), RULE.to_owned());
         values.extend(ended.then(|| self.counts().record()).into_iter().flatten());
         (name, values)
+    }
+
+    /// The picture at `stamp`, and all before it, went on their way to the log or are lost.
+    pub fn passed(&self, stamp: Stamp) {
+        let mut state = self.state();
+        state.passed = state.passed.max(stamp);
+        drop(state);
+        self.changed.notify_all();
     }
 
     /// No more pictures come.
@@ -274,5 +285,32 @@ impl Shared {
         }
         drop(state);
         labels.changed.notify_all();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn labels_wait_for_their_picture() {
+        let categories = Vec::new();
+        let asked = Labelling {
+            layer: LayerSpec { name: "any".to_owned(), origin: "a test".to_owned(), categories },
+            record: BTreeMap::new(),
+            time: None,
+            lag: NonZeroU32::MIN,
+            threads: NonZeroUsize::MIN,
+            make: Arc::new(|| Err(SegmentError::Runtime("nobody".to_owned()))),
+        };
+        let labels = Labels::new(&asked).unwrap();
+        let decided = |outcome| Some(Decision::skipped(outcome, Arrival { monotonic_ns: 0, realtime_ns: 0 }));
+        labels.state().pictures.insert(0, Tracked { stamp: Stamp(10), counter: 5, decided: decided(Outcome::Busy) });
+        labels.state().pictures.insert(1, Tracked { stamp: Stamp(20), counter: 6, decided: None });
+        assert!(labels.state().pop_decided().is_none(), "its picture is still with the encoder");
+        labels.passed(Stamp(20));
+        labels.passed(Stamp(15));
+        assert_eq!(labels.state().pop_decided().map(|(number, _)| number), Some(0));
+        assert!(labels.state().pop_decided().is_none(), "not decided yet");
     }
 }

@@ -109,7 +109,7 @@ impl Labels {
                 if let Some(decided) = state.pop_decided() {
                     break decided;
                 }
-                if state.schedule.is_ended() {
+                if state.schedule.is_ended() && state.pictures.is_empty() {
                     return;
                 }
                 state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
