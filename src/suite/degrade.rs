@@ -30,7 +30,7 @@ pub enum Degrade {
     /// A printed board half a metre away moves before the camera for three seconds in the middle and hides 70 % of the
     /// picture; its pixels are unknown to the segmentation.
     Cover,
-    /// The camera is taken away and put down where it has not been, from where it comes back, see [`super::kidnap`].
+    /// The camera is taken away and put down where it has not been, from where it comes back over what it saw.
     Kidnapped,
 }
 
