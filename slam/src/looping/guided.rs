@@ -46,7 +46,7 @@ impl Place {
             self.points.iter().filter_map(|id| map.point(*id)).map(|p| (p.id, p.descriptor)).collect();
         let descriptors: Vec<Descriptor> = points.iter().map(|(_, d)| *d).collect();
         let mut owner: Vec<Option<(u32, u32)>> = vec![None; points.len()];
-        let mut distances = Vec::new();
+        let mut distances = vec![0; descriptors.len()];
         for i in (0..keyframe.points.len()).filter(|i| keyframe.points[*i].is_some()) {
             hamming_many(&keyframe.obs.descriptor[i], &descriptors, &mut distances);
             let Some((best, distance)) = clear_winner(&distances, RATIO) else { continue };

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use slam_math::{DigestWriter, FrameId, KeyFrameId, MapPointId, Se3};
 
-use super::{Appearance, Correction, KeyFrame, Map, MapPoint, Sighting};
+use super::{Appearance, Correction, KeyFrame, Map, MapPoint, Sighting, Sightings};
 use crate::report::KeypointClass;
 
 /// A point to be added, with the observation that made it.
@@ -136,7 +136,7 @@ impl Map {
             id,
             map: keyframe.map,
             position: new.position,
-            seen_in: Vec::new(),
+            seen_in: Sightings::new(),
             descriptor: keyframe.obs.descriptor[new.index as usize],
             described: 0,
             normal: to_point / to_point.norm(),

@@ -18,14 +18,18 @@ pub use correction::{Correction, Join, moved_pose};
 pub use edit::{EditCounts, MapEdit, NewPoint};
 pub use editor::{Editor, Journal, Renaming};
 pub use keyframe::KeyFrame;
-pub use point::{Appearance, MapPoint, Sighting};
+pub use point::{Appearance, MapPoint, Sighting, Sightings};
+
+/// Map points that are copied together when one of them is written to while a snapshot shares them. A keyframe's points
+/// have neighbouring ids and are mostly written together; a block is then a few kilobytes.
+const POINTS_IN_BLOCK: usize = 16;
 
 /// All maps of a run. Keyframes and points carry the [`MapId`] of the part they belong to; parts have no common frame
 /// until they are joined by a [`Correction`].
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Map {
     keyframes: IdVec<KeyFrame>,
-    points: IdVec<MapPoint>,
+    points: IdVec<MapPoint, POINTS_IN_BLOCK>,
     /// Where a removed keyframe went: its spanning-tree parent and `removed_from_parent`, so that frames that refer to
     /// it keep their place.
     removed: BTreeMap<KeyFrameId, (KeyFrameId, Se3)>,

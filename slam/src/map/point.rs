@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use slam_math::{FrameId, KeyFrameId, MapId, MapPointId};
 use slam_vision::{Descriptor, hamming_many};
+use smallvec::{SmallVec, smallvec};
 
 use super::Map;
 use crate::context::Context;
@@ -19,6 +20,9 @@ pub struct Sighting {
     /// Whether the keypoint has depth.
     pub with_depth: bool,
 }
+
+/// Observations of a point; so many fit without memory of their own, which most points need no more of.
+pub type Sightings = SmallVec<[Sighting; 8]>;
 
 /// How to recognise a point: fields of [`MapPoint`] that follow from its observations.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -45,7 +49,7 @@ pub struct MapPoint {
     #[serde(with = "slam_math::vector")]
     pub position: Vector3<f64>,
     /// Observations, sorted by keyframe.
-    pub seen_in: Vec<Sighting>,
+    pub seen_in: Sightings,
     /// The descriptor nearest to all others of its observations.
     pub descriptor: Descriptor,
     /// Digest of the observations that the descriptor was chosen from: while they stay the same, so does the choice,
@@ -114,7 +118,7 @@ impl Map {
     /// The descriptor nearest to all others of a point's observations.
     fn most_typical(&self, point: &MapPoint) -> Option<Descriptor> {
         let descriptor = |s: &Sighting| self.keyframe(s.keyframe).map(|k| k.obs.descriptor[s.index as usize]);
-        distinctive(&point.seen_in.iter().map(descriptor).collect::<Option<Vec<_>>>()?)
+        distinctive(&point.seen_in.iter().map(descriptor).collect::<Option<SmallVec<[_; 16]>>>()?)
     }
 }
 
@@ -129,7 +133,7 @@ fn digest(sightings: &[Sighting]) -> u64 {
 
 /// The descriptor with the least median Hamming distance to the others; the first one wins ties.
 fn distinctive(descriptors: &[Descriptor]) -> Option<Descriptor> {
-    let mut distances = Vec::new();
+    let mut distances: SmallVec<[u32; 16]> = smallvec![0; descriptors.len()];
     let median_of = |a: &Descriptor| {
         hamming_many(a, descriptors, &mut distances);
         let middle = (distances.len() - 1) / 2;

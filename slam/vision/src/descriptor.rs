@@ -27,10 +27,11 @@ pub fn hamming(a: &Descriptor, b: &Descriptor) -> u32 {
     (lanes.wrapping_mul(0x0001_0001_0001_0001) >> 48) as u32
 }
 
-/// Replaces `distances` by the distance of `query` to every descriptor, in their order.
-pub fn hamming_many(query: &Descriptor, descriptors: &[Descriptor], distances: &mut Vec<u32>) {
-    distances.clear();
-    distances.resize(descriptors.len(), 0);
+/// Fills `distances` with the distance of `query` to every descriptor, in their order.
+///
+/// Panics when there are fewer or more of them.
+pub fn hamming_many(query: &Descriptor, descriptors: &[Descriptor], distances: &mut [u32]) {
+    assert_eq!(distances.len(), descriptors.len(), "a distance for each descriptor");
     Kernels::detect().hamming_many(query, descriptors, distances);
 }
 

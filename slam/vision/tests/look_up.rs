@@ -130,7 +130,7 @@ proptest! {
         let naive = |b: &Descriptor| (0..256).filter(|i| (a[i / 64] ^ b[i / 64]) >> (i % 64) & 1 == 1).count() as u32;
         let expected: Vec<u32> = others.iter().map(naive).collect();
         prop_assert_eq!(&others.iter().map(|b| hamming(&a, b)).collect::<Vec<_>>(), &expected);
-        let mut many = vec![3];
+        let mut many = vec![3; others.len()];
         hamming_many(&a, &others, &mut many);
         prop_assert_eq!(&many, &expected);
         let indices: Vec<u32> = (0..others.len() as u32).rev().collect();

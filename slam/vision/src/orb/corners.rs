@@ -14,16 +14,23 @@ pub(super) struct Corner {
 
 /// Fills `scores` (a value a pixel of `level`) with the FAST score of every corner, 0 elsewhere. Each cell of about
 /// `cell_px` pixels uses the high threshold, or the low one where that finds nothing. The level must be larger than
-/// two margins.
-pub(super) fn score(kernels: Kernels, level: &GrayImage, config: &OrbConfig, scores: &mut Vec<u8>) {
+/// two margins. `columns` is scratch.
+pub(super) fn score(
+    kernels: Kernels,
+    level: &GrayImage,
+    config: &OrbConfig,
+    scores: &mut Vec<u8>,
+    columns: &mut Vec<(usize, usize)>,
+) {
     let width = level.width;
     scores.clear();
     scores.resize(level.data.len(), 0);
-    let columns: Vec<_> = cells(width, config.cell_px).collect();
+    columns.clear();
+    columns.extend(cells(width, config.cell_px));
     for rows in cells(level.height, config.cell_px) {
         let inside = (PATCH_MARGIN, width - PATCH_MARGIN);
         kernels.fast_scores(&level.data, width, inside, rows, config.fast_threshold, scores);
-        for &cell in &columns {
+        for &cell in &*columns {
             let mut lines = scores[rows.0 * width..rows.1 * width].chunks_exact(width);
             if lines.all(|line| is_zero(&line[cell.0..cell.1])) {
                 kernels.fast_scores(&level.data, width, cell, rows, config.fast_threshold_min, scores);

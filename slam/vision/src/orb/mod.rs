@@ -36,6 +36,16 @@ pub struct Features {
 }
 
 impl Features {
+    fn with_capacity(n: usize) -> Self {
+        Self {
+            pixel: Vec::with_capacity(n),
+            octave: Vec::with_capacity(n),
+            angle: Vec::with_capacity(n),
+            response: Vec::with_capacity(n),
+            descriptor: Vec::with_capacity(n),
+        }
+    }
+
     /// Number of keypoints.
     #[must_use]
     pub fn len(&self) -> usize {
@@ -54,7 +64,7 @@ impl Features {
 pub struct Parts<'a> {
     /// The part of a pixel, an index into `shares`; `None` where keypoints are of no use.
     pub of_pixel: &'a dyn Fn([f32; 2]) -> Option<usize>,
-    /// Share of the image that each part covers, 0 to 1.
+    /// Share of the image that each part covers, 0 to 1; of at most 8 parts.
     pub shares: &'a [f64],
 }
 
@@ -67,6 +77,8 @@ pub struct Workspace {
     corners: Vec<Corner>,
     /// The corners of each part.
     groups: Vec<Vec<Corner>>,
+    spread: spread::Scratch,
+    cell_columns: Vec<(usize, usize)>,
     blurred: Vec<u8>,
     padded_row: Vec<u8>,
     centers: Vec<usize>,
@@ -122,7 +134,7 @@ impl OrbExtractor {
     pub fn extract_with(&self, gray: &GrayImage, parts: Option<&Parts<'_>>, workspace: &mut Workspace) -> Features {
         assert_eq!(gray.data.len(), gray.width * gray.height, "pixels of a {} x {} image", gray.width, gray.height);
         let mut pyramid = std::mem::take(&mut workspace.pyramid);
-        let mut features = Features::default();
+        let mut features = Features::with_capacity(self.config.features);
         for octave in 0..self.scales.len() {
             let level = if octave == 0 { gray } else { pyramid.level(self.kernels, gray, octave, self.scales[octave]) };
             if level.width <= 2 * PATCH_MARGIN || level.height <= 2 * PATCH_MARGIN {
@@ -177,10 +189,10 @@ impl OrbExtractor {
         to_base: impl Fn(&Corner) -> [f32; 2],
         workspace: &mut Workspace,
     ) {
-        corners::score(self.kernels, level, &self.config, &mut workspace.scores);
+        corners::score(self.kernels, level, &self.config, &mut workspace.scores, &mut workspace.cell_columns);
         corners::local_maxima(self.kernels, &workspace.scores, level, &mut workspace.peaks, &mut workspace.corners);
         let Some(parts) = parts else {
-            spread::spread(&mut workspace.corners, level.width, level.height, quota);
+            spread::spread(&mut workspace.corners, level.width, level.height, quota, &mut workspace.spread);
             return;
         };
         let groups = &mut workspace.groups;
@@ -191,9 +203,11 @@ impl OrbExtractor {
                 groups[part].push(corner);
             }
         }
-        let counts: Vec<usize> = groups.iter().map(Vec::len).collect();
-        for (group, quota) in groups.iter_mut().zip(spread::share_out(quota, &counts, parts.shares)) {
-            spread::spread(group, level.width, level.height, quota);
+        let mut counts = [0; spread::MAX_GROUPS];
+        let counts = &mut counts[..groups.len()];
+        counts.iter_mut().zip(&*groups).for_each(|(count, group)| *count = group.len());
+        for (group, quota) in groups.iter_mut().zip(spread::share_out(quota, counts, parts.shares)) {
+            spread::spread(group, level.width, level.height, quota, &mut workspace.spread);
             workspace.corners.append(group);
         }
         workspace.corners.sort_unstable_by_key(|corner| (corner.y, corner.x));

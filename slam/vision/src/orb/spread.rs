@@ -17,19 +17,35 @@ struct Node {
     end: usize,
 }
 
+/// A rectangle's place in the order of splitting; the greatest goes first.
+type Rank = (Reverse<u32>, usize, Reverse<u32>, Reverse<u32>, usize);
+/// Of a kept corner, the least first: depth of its rectangle, weakness.
+type Standing = (u32, Reverse<Strength>);
+
+/// Buffers that are reused.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Scratch {
+    nodes: Vec<Node>,
+    open: BinaryHeap<Rank>,
+    kept: Vec<(Standing, Corner)>,
+}
+
 /// Keeps at most `quota` corners, spread over the image, sorted by (y, x).
 ///
 /// The rectangles of a quadtree are split level by level, within a level the fullest first (ties: upper, then left
 /// one first), until there are `quota` of them or each holds one corner. The best corner of each stays: highest score,
 /// then smallest y, then x. The last split may give up to three corners too many: the weakest of the smallest
 /// rectangles go, where corners crowd.
-pub(super) fn spread(corners: &mut Vec<Corner>, width: usize, height: usize, quota: usize) {
-    let mut nodes = roots(corners, width as u32, height as u32);
-    let rank = |nodes: &[Node], index: usize| {
+pub(super) fn spread(corners: &mut Vec<Corner>, width: usize, height: usize, quota: usize, scratch: &mut Scratch) {
+    let Scratch { nodes, open, kept } = scratch;
+    nodes.clear();
+    nodes.extend(roots(corners, width as u32, height as u32));
+    let rank = |nodes: &[Node], index: usize| -> Rank {
         let node = &nodes[index];
         (Reverse(node.depth), node.end - node.first, Reverse(node.y), Reverse(node.x), index)
     };
-    let mut open: BinaryHeap<_> = (0..nodes.len()).map(|index| rank(&nodes, index)).collect();
+    open.clear();
+    open.extend((0..nodes.len()).map(|index| rank(nodes, index)));
     let mut count = nodes.iter().filter(|node| node.first < node.end).count();
     while count < quota {
         let Some((_, len, _, _, index)) = open.pop() else { break };
@@ -42,7 +58,7 @@ pub(super) fn spread(corners: &mut Vec<Corner>, width: usize, height: usize, quo
             nodes.push(child);
             if is_filled {
                 count += 1;
-                open.push(rank(&nodes, nodes.len() - 1));
+                open.push(rank(nodes, nodes.len() - 1));
             }
         }
         // A split rectangle keeps no corners of its own.
@@ -50,65 +66,75 @@ pub(super) fn spread(corners: &mut Vec<Corner>, width: usize, height: usize, quo
     }
     let best = |node: &Node| {
         let corner = corners[node.first..node.end].iter().copied().max_by_key(strength)?;
-        Some((node.depth, Reverse(strength(&corner)), corner))
+        Some(((node.depth, Reverse(strength(&corner))), corner))
     };
-    let mut kept: Vec<_> = nodes.iter().filter_map(best).collect();
-    kept.sort_unstable_by_key(|&(depth, weakness, _)| (depth, weakness));
+    kept.clear();
+    kept.extend(nodes.iter().filter_map(best));
+    kept.sort_unstable_by_key(|(standing, _)| *standing);
     kept.truncate(quota);
-    *corners = kept.into_iter().map(|(.., corner)| corner).collect();
+    corners.clear();
+    corners.extend(kept.iter().map(|(_, corner)| *corner));
     corners.sort_unstable_by_key(|corner| (corner.y, corner.x));
 }
 
+/// Most parts of an image.
+pub(super) const MAX_GROUPS: usize = 8;
+
 /// Shares `quota` among groups of `counts` corners in proportion to `shares` (0 to 1). What a group cannot use goes to the
-/// others; the last of them takes what rounding leaves.
-pub(super) fn share_out(quota: usize, counts: &[usize], shares: &[f64]) -> Vec<usize> {
-    let mut given = vec![0; counts.len()];
-    let mut waiting: Vec<usize> = (0..counts.len()).filter(|group| counts[*group] > 0).collect();
+/// others; the last of them takes what rounding leaves. Panics with more than [`MAX_GROUPS`].
+pub(super) fn share_out(quota: usize, counts: &[usize], shares: &[f64]) -> [usize; MAX_GROUPS] {
+    let mut given = [0; MAX_GROUPS];
+    let mut is_waiting = [false; MAX_GROUPS];
+    (0..counts.len()).for_each(|group| is_waiting[group] = counts[group] > 0);
     let mut left = quota;
-    while !waiting.is_empty() {
-        let total: f64 = waiting.iter().map(|group| shares[*group]).sum();
+    loop {
+        let waiting = || (0..counts.len()).filter(|group| is_waiting[*group]);
+        let Some(last) = waiting().next_back() else { return given };
+        let (total, number) = (waiting().map(|group| shares[group]).sum::<f64>(), waiting().count());
         // Groups without any area (all shares 0) are as good as each other.
-        let part = |group: usize| if total > 0.0 { shares[group] / total } else { 1.0 / waiting.len() as f64 };
-        let fair: Vec<usize> = waiting.iter().map(|group| (left as f64 * part(*group)).round() as usize).collect();
-        let (poor, rich): (Vec<_>, Vec<_>) =
-            waiting.iter().zip(&fair).partition(|(group, fair)| counts[**group] <= **fair);
-        if poor.is_empty() {
-            for (group, fair) in rich {
-                given[*group] = (*fair).min(left);
-                left -= given[*group];
+        let part = |group: usize| if total > 0.0 { shares[group] / total } else { 1.0 / number as f64 };
+        let fair: [usize; MAX_GROUPS] = std::array::from_fn(|group| match is_waiting[group] {
+            true => (left as f64 * part(group)).round() as usize,
+            false => 0,
+        });
+        let is_poor = |group: &usize| counts[*group] <= fair[*group];
+        if !waiting().any(|group| is_poor(&group)) {
+            for group in waiting() {
+                given[group] = fair[group].min(left);
+                left -= given[group];
             }
-            let last = waiting[waiting.len() - 1];
             given[last] = (given[last] + left).min(counts[last]);
-            break;
+            return given;
         }
-        for (group, _) in &poor {
-            given[**group] = counts[**group].min(left);
-            left -= given[**group];
+        let mut served = is_waiting;
+        for group in waiting().filter(is_poor) {
+            given[group] = counts[group].min(left);
+            left -= given[group];
+            served[group] = false;
         }
-        waiting = rich.into_iter().map(|(group, _)| *group).collect();
+        is_waiting = served;
     }
-    given
 }
 
 /// Total order: the score, then the upper, then the left corner.
-fn strength(corner: &Corner) -> (u8, Reverse<u32>, Reverse<u32>) {
+type Strength = (u8, Reverse<u32>, Reverse<u32>);
+
+fn strength(corner: &Corner) -> Strength {
     (corner.score, Reverse(corner.y), Reverse(corner.x))
 }
 
 /// As many about square rectangles side by side as a landscape image holds, at least one.
-fn roots(corners: &mut [Corner], width: u32, height: u32) -> Vec<Node> {
+fn roots(corners: &mut [Corner], width: u32, height: u32) -> impl Iterator<Item = Node> {
     let count = ((2 * width + height) / (2 * height)).max(1);
     let step = width.div_ceil(count);
     let mut first = 0;
-    (0..count)
-        .map(|k| {
-            let x = k * step;
-            let end = first + partition(&mut corners[first..], |corner| corner.x < x + step);
-            let node = Node { depth: 0, x, y: 0, width: step, height, first, end };
-            first = end;
-            node
-        })
-        .collect()
+    (0..count).map(move |k| {
+        let x = k * step;
+        let end = first + partition(&mut corners[first..], |corner| corner.x < x + step);
+        let node = Node { depth: 0, x, y: 0, width: step, height, first, end };
+        first = end;
+        node
+    })
 }
 
 /// The four quarters of a rectangle; its corners are regrouped in place.
@@ -157,12 +183,13 @@ mod tests {
 
     #[test]
     fn keeps_the_quota_whatever_the_order_of_the_corners() {
+        let mut scratch = Scratch::default();
         for (width, height) in [(640, 480), (64, 480), (1000, 50)] {
             let all = corners(3000, width, height);
             for quota in [0, 1, 2, 7, 100, 217, 2000, 5000] {
                 let (mut kept, mut reversed) = (all.clone(), all.iter().rev().copied().collect());
-                spread(&mut kept, width, height, quota);
-                spread(&mut reversed, width, height, quota);
+                spread(&mut kept, width, height, quota, &mut scratch);
+                spread(&mut reversed, width, height, quota, &mut Scratch::default());
                 assert_eq!(kept, reversed);
                 assert_eq!(kept.len(), quota.min(all.len()), "{width} x {height}, quota {quota}");
                 assert!(kept.iter().all(|corner| all.contains(corner)));
@@ -170,16 +197,20 @@ mod tests {
         }
     }
 
+    fn shared(quota: usize, counts: &[usize], shares: &[f64]) -> Vec<usize> {
+        share_out(quota, counts, shares)[..counts.len()].to_vec()
+    }
+
     #[test]
     fn a_quota_is_shared_by_area_and_what_one_group_lacks_goes_to_the_others() {
-        assert_eq!(share_out(100, &[500, 500], &[0.3, 0.7]), [30, 70]);
-        assert_eq!(share_out(100, &[10, 500], &[0.3, 0.7]), [10, 90]);
-        assert_eq!(share_out(100, &[10, 20, 500], &[0.6, 0.3, 0.1]), [10, 20, 70]);
-        assert_eq!(share_out(100, &[10, 20], &[0.5, 0.5]), [10, 20], "all there is");
-        assert_eq!(share_out(7, &[50, 50], &[0.0, 0.0]).iter().sum::<usize>(), 7);
-        assert_eq!(share_out(100, &[0, 0], &[0.5, 0.5]), [0, 0]);
+        assert_eq!(shared(100, &[500, 500], &[0.3, 0.7]), [30, 70]);
+        assert_eq!(shared(100, &[10, 500], &[0.3, 0.7]), [10, 90]);
+        assert_eq!(shared(100, &[10, 20, 500], &[0.6, 0.3, 0.1]), [10, 20, 70]);
+        assert_eq!(shared(100, &[10, 20], &[0.5, 0.5]), [10, 20], "all there is");
+        assert_eq!(shared(7, &[50, 50], &[0.0, 0.0]).iter().sum::<usize>(), 7);
+        assert_eq!(shared(100, &[0, 0], &[0.5, 0.5]), [0, 0]);
         for quota in 0..40 {
-            let given = share_out(quota, &[9, 9, 9], &[0.31, 0.33, 0.36]);
+            let given = shared(quota, &[9, 9, 9], &[0.31, 0.33, 0.36]);
             assert_eq!(given.iter().sum::<usize>(), quota.min(27), "{given:?}");
             assert!(given.iter().all(|n| *n <= 9));
         }
@@ -192,7 +223,7 @@ mod tests {
         let lonely: Vec<Corner> =
             (0..40).map(|i| Corner { x: 110 + i % 8 * 64, y: 80 + i / 8 * 80, score: 1 }).collect();
         all.extend(&lonely);
-        spread(&mut all, 640, 480, 200);
+        spread(&mut all, 640, 480, 200, &mut Scratch::default());
         assert!(lonely.iter().all(|corner| all.contains(corner)), "weak corners on their own stay");
         assert_eq!(all.len(), 200);
     }

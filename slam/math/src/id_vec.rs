@@ -1,0 +1,134 @@
+//! Values by id, shared with snapshots until written to.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+/// Values that are shared and copied together.
+type Block<T, const N: usize> = [Option<T>; N];
+
+/// Append-only vector of values indexed by creation order. Removing leaves a hole, so ids stay valid for ever.
+///
+/// Cloning is cheap: blocks of `N` values are shared until one of them is written to. Large values want blocks of one;
+/// for small ones that are written together, larger blocks save allocations and lie side by side in memory.
+#[derive(Debug, Clone)]
+pub struct IdVec<T, const N: usize = 1> {
+    blocks: Vec<Arc<Block<T, N>>>,
+    /// Slots in use, holes included.
+    used: usize,
+    live: usize,
+}
+
+impl<T, const N: usize> Default for IdVec<T, N> {
+    fn default() -> Self {
+        const { assert!(N > 0, "a block holds something") };
+        Self { blocks: Vec::new(), used: 0, live: 0 }
+    }
+}
+
+impl<T: Serialize, const N: usize> Serialize for IdVec<T, N> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(self.blocks.iter().flat_map(|block| block.iter()).take(self.used))
+    }
+}
+
+impl<'de, T: Clone + Deserialize<'de>, const N: usize> Deserialize<'de> for IdVec<T, N> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let mut all = Self::default();
+        Vec::deserialize(deserializer)?.into_iter().for_each(|slot| _ = all.append(slot));
+        Ok(all)
+    }
+}
+
+impl<T: Clone, const N: usize> IdVec<T, N> {
+    /// The index that the next [`push`](Self::push) will use.
+    #[must_use]
+    pub fn next_index(&self) -> usize {
+        self.used
+    }
+
+    /// Number of values that have not been removed.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.live
+    }
+
+    /// True when nothing is alive.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.live == 0
+    }
+
+    /// Appends a value and returns its index.
+    pub fn push(&mut self, value: T) -> usize {
+        self.append(Some(value))
+    }
+
+    fn append(&mut self, slot: Option<T>) -> usize {
+        let index = self.used;
+        if index / N == self.blocks.len() {
+            self.blocks.push(Arc::new(std::array::from_fn(|_| None)));
+        }
+        self.live += usize::from(slot.is_some());
+        self.used += 1;
+        Arc::make_mut(&mut self.blocks[index / N])[index % N] = slot;
+        index
+    }
+
+    /// The value, unless it was removed or never existed.
+    #[must_use]
+    pub fn get(&self, index: usize) -> Option<&T> {
+        self.blocks.get(index / N).and_then(|block| block[index % N].as_ref())
+    }
+
+    /// The value for writing; its block is copied first when it is shared with a snapshot.
+    pub fn get_mut(&mut self, index: usize) -> Option<&mut T> {
+        self.get(index)?; // a hole is no reason to copy
+        Arc::make_mut(&mut self.blocks[index / N])[index % N].as_mut()
+    }
+
+    /// Removes a value; true when it was there.
+    pub fn remove(&mut self, index: usize) -> bool {
+        if self.get(index).is_none() {
+            return false;
+        }
+        Arc::make_mut(&mut self.blocks[index / N])[index % N] = None;
+        self.live -= 1;
+        true
+    }
+
+    /// Live values in id order.
+    pub fn iter(&self) -> impl DoubleEndedIterator<Item = (usize, &T)> {
+        (0..self.used).filter_map(|index| self.get(index).map(|value| (index, value)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ids_are_never_reused() {
+        let mut v = IdVec::<char, 2>::default();
+        assert_eq!((v.push('a'), v.push('b')), (0, 1));
+        assert!(v.remove(0));
+        assert!(!v.remove(0));
+        assert_eq!(v.push('c'), 2);
+        assert_eq!(v.iter().collect::<Vec<_>>(), [(1, &'b'), (2, &'c')]);
+        assert_eq!(v.iter().rev().collect::<Vec<_>>(), [(2, &'c'), (1, &'b')]);
+        assert_eq!((v.len(), v.next_index(), v.get(0), v.get(3), v.get_mut(9)), (2, 3, None, None, None));
+    }
+
+    #[test]
+    fn a_snapshot_does_not_see_later_writes() {
+        let mut v = IdVec::<i32, 2>::default();
+        (1..4).for_each(|i| _ = v.push(i));
+        let snapshot = v.clone();
+        *v.get_mut(0).unwrap() = 7;
+        v.remove(1);
+        v.push(8);
+        assert_eq!(v.iter().map(|(_, x)| *x).collect::<Vec<_>>(), [7, 3, 8]);
+        assert_eq!(snapshot.iter().map(|(_, x)| *x).collect::<Vec<_>>(), [1, 2, 3]);
+        assert_eq!((snapshot.next_index(), snapshot.get(3)), (3, None));
+    }
+}
