@@ -52,7 +52,7 @@ pub fn search<K: Copy + Ord>(
     allowed: impl Fn(usize) -> bool,
 ) -> Vec<Match<K>> {
     let mut owner: Vec<Option<(u32, K)>> = vec![None; obs.len()];
-    let mut nearby = Vec::new();
+    let mut nearby = Vec::with_capacity(obs.len());
     for query in queries {
         obs.grid.query(query.pixel, query.radius, query.octaves[0], query.octaves[1], &obs.octave, &mut nearby);
         if let Some((index, distance)) = best(obs, query, &mut nearby, limits, &allowed) {
@@ -62,8 +62,15 @@ pub fn search<K: Copy + Ord>(
             }
         }
     }
-    let found = owner.iter().enumerate();
-    found.filter_map(|(i, o)| o.map(|(distance, key)| Match { key, index: i as u32, distance })).collect()
+    claimed(&owner)
+}
+
+/// The claims that hold, by keypoint.
+pub(crate) fn claimed<K: Copy>(owner: &[Option<(u32, K)>]) -> Vec<Match<K>> {
+    let mut found = Vec::with_capacity(owner.len());
+    let claims = owner.iter().enumerate();
+    found.extend(claims.filter_map(|(i, o)| o.map(|(distance, key)| Match { key, index: i as u32, distance })));
+    found
 }
 
 fn best<K>(
@@ -102,7 +109,7 @@ pub fn project(camera: &Camera, camera_from_world: &Se3, point: &Vector3<f64>) -
 
 /// Drops matches whose keypoint turned differently from the rest: angle differences are put into 30 bins of 12 degrees
 /// and the three fullest are kept (the second and third only with a tenth of the first).
-pub fn consistent_rotation<K: Copy>(matches: Vec<Match<K>>, turn: impl Fn(&Match<K>) -> f32) -> Vec<Match<K>> {
+pub fn consistent_rotation<K: Copy>(mut matches: Vec<Match<K>>, turn: impl Fn(&Match<K>) -> f32) -> Vec<Match<K>> {
     const BINS: usize = 30;
     let bin_of = |m: &Match<K>| {
         let turns = f64::from(turn(m)) / std::f64::consts::TAU;
@@ -112,6 +119,7 @@ pub fn consistent_rotation<K: Copy>(matches: Vec<Match<K>>, turn: impl Fn(&Match
     matches.iter().for_each(|m| counts[bin_of(m)] += 1);
     let mut order: [usize; BINS] = std::array::from_fn(|i| i);
     order.sort_by_key(|bin| (std::cmp::Reverse(counts[*bin]), *bin));
-    let kept: Vec<usize> = order[..3].iter().copied().filter(|bin| counts[*bin] * 10 >= counts[order[0]]).collect();
-    matches.into_iter().filter(|m| kept.contains(&bin_of(m))).collect()
+    let is_kept = |bin: usize| order[..3].contains(&bin) && counts[bin] * 10 >= counts[order[0]];
+    matches.retain(|m| is_kept(bin_of(m)));
+    matches
 }

@@ -66,7 +66,7 @@ pub fn similarity_ransac(
     while drawn < needed {
         drawn += 1;
         let sample = rng.sample::<3>(pairs.len())?.map(|i| pairs[i]);
-        let Some(model) = search.fit(&sample) else { continue };
+        let Some(model) = search.fit_sample(sample) else { continue };
         let inliers = search.inliers(&model);
         if inliers.len() < 3 || best.as_ref().is_some_and(|(_, most)| inliers.len() <= most.len()) {
             continue;
@@ -94,6 +94,11 @@ struct Search<'a, F> {
 }
 
 impl<F: Fn(usize, &Sim3) -> bool> Search<'_, F> {
+    fn fit_sample(&self, sample: [usize; 3]) -> Option<Sim3> {
+        let (source, target) = (sample.map(|i| self.source[i]), sample.map(|i| self.target[i]));
+        align::umeyama(&source, &target, self.with_scale).filter(Sim3::is_finite)
+    }
+
     fn fit(&self, pairs: &[usize]) -> Option<Sim3> {
         let source: Vec<_> = pairs.iter().map(|&i| self.source[i]).collect();
         let target: Vec<_> = pairs.iter().map(|&i| self.target[i]).collect();

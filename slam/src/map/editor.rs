@@ -27,6 +27,11 @@ impl<'a> Editor<'a> {
         self.map
     }
 
+    /// Makes room for so many edits at once.
+    pub fn expect(&mut self, edits: usize) {
+        self.journal.edits.reserve(edits);
+    }
+
     /// Applies an edit; false when its subject is gone.
     pub fn apply(&mut self, edit: MapEdit) -> bool {
         let applied = self.map.apply(&edit);
@@ -49,6 +54,7 @@ impl<'a> Editor<'a> {
     /// counted as void. Points that the job made get the next free ids here.
     pub fn replay(&mut self, journal: Journal) -> Renaming {
         let mut renaming = Renaming { first_new: journal.first_new, now: Vec::new() };
+        self.expect(journal.edits.len());
         for edit in journal.edits {
             let next = self.map.next_point();
             let makes_point = matches!(edit, MapEdit::AddPoint(_));

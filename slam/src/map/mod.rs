@@ -102,7 +102,7 @@ impl Map {
                 seen[point.index() / 64] |= 1 << (point.index() % 64);
             }
         }
-        let mut points = Vec::new();
+        let mut points = Vec::with_capacity(seen.iter().map(|bits| bits.count_ones() as usize).sum());
         for (i, mut bits) in seen.into_iter().enumerate() {
             while bits != 0 {
                 points.push(MapPointId::from(i * 64 + bits.trailing_zeros() as usize));

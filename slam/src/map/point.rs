@@ -22,7 +22,7 @@ pub struct Sighting {
 }
 
 /// Observations of a point; so many fit without memory of their own, which most points need no more of.
-pub type Sightings = SmallVec<[Sighting; 8]>;
+pub type Sightings = SmallVec<[Sighting; 12]>;
 
 /// How to recognise a point: fields of [`MapPoint`] that follow from its observations.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -118,7 +118,7 @@ impl Map {
     /// The descriptor nearest to all others of a point's observations.
     fn most_typical(&self, point: &MapPoint) -> Option<Descriptor> {
         let descriptor = |s: &Sighting| self.keyframe(s.keyframe).map(|k| k.obs.descriptor[s.index as usize]);
-        distinctive(&point.seen_in.iter().map(descriptor).collect::<Option<SmallVec<[_; 16]>>>()?)
+        distinctive(&point.seen_in.iter().map(descriptor).collect::<Option<SmallVec<[_; 32]>>>()?)
     }
 }
 
@@ -133,7 +133,7 @@ fn digest(sightings: &[Sighting]) -> u64 {
 
 /// The descriptor with the least median Hamming distance to the others; the first one wins ties.
 fn distinctive(descriptors: &[Descriptor]) -> Option<Descriptor> {
-    let mut distances: SmallVec<[u32; 16]> = smallvec![0; descriptors.len()];
+    let mut distances: SmallVec<[u32; 32]> = smallvec![0; descriptors.len()];
     let median_of = |a: &Descriptor| {
         hamming_many(a, descriptors, &mut distances);
         let middle = (distances.len() - 1) / 2;

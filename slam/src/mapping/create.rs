@@ -42,8 +42,8 @@ pub fn create_points_from_depth(
 ) -> u32 {
     let Some(keyframe) = editor.map().keyframe(id).cloned() else { return 0 };
     let obs = &keyframe.obs;
-    let mut by_depth: Vec<(f64, usize)> =
-        (0..obs.len()).filter(|i| keyframe.usable[*i]).filter_map(|i| obs.depth(i).map(|z| (z, i))).collect();
+    let mut by_depth = Vec::with_capacity(obs.len());
+    by_depth.extend((0..obs.len()).filter(|i| keyframe.usable[*i]).filter_map(|i| obs.depth(i).map(|z| (z, i))));
     by_depth.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let world_from_camera = keyframe.camera_from_world.inverse();
     let mut created = 0;

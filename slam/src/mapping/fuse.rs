@@ -42,16 +42,18 @@ fn neighbourhood(ctx: &Context, map: &Map, id: KeyFrameId) -> Vec<KeyFrameId> {
 /// Projects points into a keyframe: agreeing ones are merged with what it sees there, or observed. Returns the number of
 /// changes.
 pub fn fuse_into(ctx: &Context, editor: &mut Editor<'_>, target: KeyFrameId, points: &[MapPointId]) -> u32 {
-    let Some(keyframe) = editor.map().keyframe(target).cloned() else { return 0 };
+    let Some(keyframe) = editor.map().keyframe(target) else { return 0 };
+    let (obs, usable, camera_from_world) = (keyframe.obs.clone(), keyframe.usable.clone(), keyframe.camera_from_world);
     let center = keyframe.center();
     let candidates = points.iter().filter_map(|id| editor.map().point(*id));
-    let queries: Vec<_> = candidates.filter_map(|point| query(ctx, &keyframe, &center, point)).collect();
+    let mut queries = Vec::with_capacity(points.len());
+    queries.extend(candidates.filter_map(|point| query(ctx, keyframe, &center, point)));
     let limits = Limits { hamming: ctx.config.tracking.hamming_low, ratio: 1.0 };
     let mut changes = 0;
-    for m in search(&keyframe.obs, &queries, limits, |i| keyframe.usable[i]) {
+    for m in search(&obs, &queries, limits, |i| usable[i]) {
         // Earlier merges of this round may have changed who is where.
         let Some(point) = editor.map().point(m.key) else { continue };
-        if !ctx.fits(&keyframe.obs, m.index as usize, &keyframe.camera_from_world.transform(&point.position))
+        if !ctx.fits(&obs, m.index as usize, &camera_from_world.transform(&point.position))
             || point.sighting(target).is_some()
         {
             continue;

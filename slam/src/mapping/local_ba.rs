@@ -97,8 +97,9 @@ fn observations(
         let in_fixed = || keyframes[moving..].binary_search(id).map(|n| n + moving);
         keyframes[..moving].binary_search(id).or_else(|_| in_fixed()).ok()
     };
-    let mut out = Vec::new();
-    for (n, point) in points.iter().filter_map(|id| map.point(*id)).enumerate() {
+    let known = || points.iter().filter_map(|id| map.point(*id));
+    let mut out = Vec::with_capacity(known().map(|p| p.seen_in.len()).sum());
+    for (n, point) in known().enumerate() {
         for sighting in &point.seen_in {
             let keyframe = map.keyframe(sighting.keyframe);
             if let (Some(pose), Some(keyframe)) = (position(&sighting.keyframe), keyframe) {

@@ -25,14 +25,16 @@ pub(super) fn triangulate_with_neighbours(
     let mut created = 0;
     for neighbour in neighbours {
         let map = editor.map();
-        let (Some(a), Some(b)) = (map.keyframe(id).cloned(), map.keyframe(neighbour).cloned()) else { continue };
-        if (a.center() - b.center()).norm() < min_baseline(ctx, map, &b) {
+        let (Some(a), Some(b)) = (map.keyframe(id), map.keyframe(neighbour)) else { continue };
+        if (a.center() - b.center()).norm() < min_baseline(ctx, map, b) {
             continue;
         }
-        for (i, j) in epipolar_matches(ctx, &a, &b) {
-            let Some(position) = make_point(ctx, &a, i, &b, j) else { continue };
+        let frame = a.frame;
+        let made = |(i, j)| make_point(ctx, a, i, b, j).map(|position| (i, j, position));
+        let found: Vec<_> = epipolar_matches(ctx, a, b).into_iter().filter_map(made).collect();
+        for (i, j, position) in found {
             let point = editor.map().next_point();
-            let new = NewPoint { position, keyframe: id, index: i as u32, frame: a.frame, class: KeypointClass::Stuff };
+            let new = NewPoint { position, keyframe: id, index: i as u32, frame, class: KeypointClass::Stuff };
             add_point(ctx, editor, young, new);
             editor.apply(MapEdit::Observe(point, neighbour, j as u32));
             editor.refresh(ctx, point);
@@ -58,8 +60,11 @@ fn min_baseline(ctx: &Context, map: &Map, keyframe: &KeyFrame) -> f64 {
 
 /// Pairs of free usable keypoints with similar descriptors near each other's epipolar line, each keypoint at most once.
 fn epipolar_matches(ctx: &Context, a: &KeyFrame, b: &KeyFrame) -> Vec<(usize, usize)> {
-    let free =
-        |k: &KeyFrame| -> Vec<usize> { (0..k.obs.len()).filter(|i| k.usable[*i] && k.points[*i].is_none()).collect() };
+    let free = |k: &KeyFrame| {
+        let mut free = Vec::with_capacity(k.obs.len());
+        free.extend((0..k.obs.len()).filter(|i| k.usable[*i] && k.points[*i].is_none()));
+        free
+    };
     let b_from_a = b.camera_from_world * a.camera_from_world.inverse();
     let epipole = ctx.camera.project(b_from_a.translation);
     let (free_a, free_b) = (free(a), free(b));

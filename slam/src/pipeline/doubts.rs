@@ -22,8 +22,7 @@ pub(super) fn doubt_points(
     frame: &TrackedFrame,
     local: &LocalMap,
 ) -> u32 {
-    let mut found: Vec<_> = frame.matches().map(|(_, id)| id).collect();
-    found.sort_unstable();
+    let found = frame.matched_points();
     let mut removed = 0;
     for (id, pixel, z) in &local.in_view {
         let Some(doubts) = editor.map().point(*id).map(|p| p.doubts) else { continue };

@@ -96,12 +96,11 @@ impl Step<'_> {
     }
 
     fn count_sights(&mut self, local: LocalMap) {
-        let mut found: Vec<_> = self.frame.matches().map(|(_, id)| id).collect();
-        found.sort_unstable();
-        let in_view: Vec<_> = local.in_view.iter().map(|(id, _, _)| *id).collect();
+        let found = self.frame.matched_points();
         self.edit(|_, editor, _| {
-            for id in in_view {
-                editor.apply(MapEdit::CountSight(id, found.binary_search(&id).is_ok()));
+            editor.expect(local.in_view.len());
+            for (id, ..) in &local.in_view {
+                editor.apply(MapEdit::CountSight(*id, found.binary_search(id).is_ok()));
             }
         });
         self.slam.last_local = Some(local);

@@ -36,11 +36,11 @@ pub fn keyframe_needed(
     let in_reference = reference_points.filter(|p| map.point(**p).is_some_and(|p| well_seen(p.weight()))).count();
 
     let is_close = |i: &usize| frame.usable[*i] && frame.obs.depth(*i).is_some_and(|z| z < ctx.close_m);
-    let (tracked, untracked): (Vec<usize>, Vec<usize>) =
-        (0..frame.obs.len()).filter(is_close).partition(|i| frame.points[*i].is_some());
-    let few_tracked = tracked.len() < k.min_close_tracked as usize
-        || (tracked.len() as f64) < k.min_close_share * (tracked.len() + untracked.len()) as f64;
-    let need_close = few_tracked && untracked.len() > k.min_close_untracked as usize;
+    let close = || (0..frame.obs.len()).filter(is_close);
+    let (close, tracked) = (close().count(), close().filter(|i| frame.points[*i].is_some()).count());
+    let few_tracked =
+        tracked < k.min_close_tracked as usize || (tracked as f64) < k.min_close_share * close as f64;
+    let need_close = few_tracked && close - tracked > k.min_close_untracked as usize;
 
     let since = frame.id.0.saturating_sub(last_keyframe.0);
     let share = if keyframes < 2 { k.tracked_share_start } else { k.tracked_share };

@@ -60,10 +60,10 @@ impl LocalMap {
 
     fn find_in_view(&mut self, ctx: &Context, map: &Map, frame: &TrackedFrame) -> Vec<Query<MapPointId>> {
         let center = frame.camera_from_world.inverse().translation;
-        let mut matched: Vec<MapPointId> = frame.matches().map(|(_, id)| id).collect();
-        matched.sort_unstable();
-        let mut queries = Vec::new();
+        let matched = frame.matched_points();
+        let mut queries = Vec::with_capacity(self.points.len());
         self.in_view.clear();
+        self.in_view.reserve(self.points.len());
         for point in self.points.iter().filter_map(|id| map.point(*id)) {
             let Some((pixel, z)) = project(&ctx.camera, &frame.camera_from_world, &point.position) else { continue };
             let Some((octave, cos)) = appearance(ctx, point, &center) else { continue };

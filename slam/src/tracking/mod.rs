@@ -69,11 +69,21 @@ impl TrackedFrame {
         self.points.iter().enumerate().filter_map(|(i, p)| p.map(|p| (i, p)))
     }
 
+    /// The matched points, sorted.
+    #[must_use]
+    pub fn matched_points(&self) -> Vec<MapPointId> {
+        let mut points = Vec::with_capacity(self.points.len());
+        points.extend(self.points.iter().flatten());
+        points.sort_unstable();
+        points
+    }
+
     /// Median depth of the matched points; `None` without any.
     #[must_use]
     pub fn median_depth(&self, map: &Map) -> Option<f64> {
         let depth = |id| map.point(id).map(|p| self.camera_from_world.transform(&p.position)[2]);
-        let mut depths: Vec<f64> = self.matches().filter_map(|(_, id)| depth(id)).collect();
+        let mut depths = Vec::with_capacity(self.points.len());
+        depths.extend(self.matches().filter_map(|(_, id)| depth(id)));
         let middle = depths.len() / 2;
         (!depths.is_empty()).then(|| *depths.select_nth_unstable_by(middle, f64::total_cmp).1)
     }

@@ -9,7 +9,8 @@ use crate::map::Map;
 /// Optimises the pose on all matches and unmatches the outliers. Returns the number of inliers; the frame is unchanged
 /// but for lost points when there are fewer than three.
 pub fn refine_pose(ctx: &Context, map: &Map, frame: &mut TrackedFrame) -> u32 {
-    let (mut indices, mut observations) = (Vec::new(), Vec::new());
+    let keypoints = frame.points.len();
+    let (mut indices, mut observations) = (Vec::with_capacity(keypoints), Vec::with_capacity(keypoints));
     for (i, id) in frame.matches() {
         if let Some(point) = map.point(id) {
             indices.push(i);

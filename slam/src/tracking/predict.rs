@@ -6,7 +6,7 @@ use slam_vision::nearest_two;
 use super::{TrackedFrame, refine_pose};
 use crate::context::Context;
 use crate::map::{KeyFrame, Map};
-use crate::matching::{Limits, Match, Query, consistent_rotation, project, search};
+use crate::matching::{Limits, Match, Query, claimed, consistent_rotation, project, search};
 
 /// Matches the last frame's points around the predicted pose and optimises it. Returns matches and inliers.
 pub fn track_motion_model(
@@ -40,7 +40,7 @@ fn match_last_frame(
     frame: &TrackedFrame,
     radius: f64,
 ) -> Vec<Match<u32>> {
-    let mut queries = Vec::new();
+    let mut queries = Vec::with_capacity(last.points.len());
     for (i, id) in last.matches() {
         let Some(point) = map.point(id) else { continue };
         let Some((pixel, z)) = project(&ctx.camera, predicted, &point.position) else { continue };
@@ -99,8 +99,5 @@ pub(super) fn match_descriptors(
             owner[first.index as usize] = Some(claim);
         }
     }
-    let claims = owner.iter().enumerate();
-    let matches =
-        claims.filter_map(|(i, o)| o.map(|(distance, key)| Match { key, index: i as u32, distance })).collect();
-    consistent_rotation(matches, |m| frame.obs.angle[m.index as usize] - keyframe.obs.angle[m.key as usize])
+    consistent_rotation(claimed(&owner), |m| frame.obs.angle[m.index as usize] - keyframe.obs.angle[m.key as usize])
 }

@@ -12,6 +12,7 @@ impl BlockCholesky {
     /// Factors the matrix whose lower triangle is given as columns: blocks (k, i) for k = i.. . `None` when it is not
     /// positive definite. Blocks that are zero cost nothing.
     pub fn new(mut columns: Vec<Vec<Matrix6<f64>>>) -> Option<Self> {
+        let mut filled = Vec::with_capacity(columns.len());
         for i in 0..columns.len() {
             let (done, rest) = columns.split_at_mut(i + 1);
             let column = &mut done[i];
@@ -21,7 +22,8 @@ impl BlockCholesky {
             for block in &mut column[1..] {
                 *block *= inverse_transposed;
             }
-            let filled: Vec<usize> = (1..column.len()).filter(|&k| column[k] != Matrix6::zeros()).collect();
+            filled.clear();
+            filled.extend((1..column.len()).filter(|&k| column[k] != Matrix6::zeros()));
             for (at, &m) in filled.iter().enumerate() {
                 for &k in &filled[at..] {
                     subtract_product(&mut rest[m - 1][k - m], &column[k], &column[m]);

@@ -41,7 +41,7 @@ impl Layout {
             free_of[pose] = Some(free);
         }
         let sorted = sorted_observations(problem);
-        let mut edges: Vec<Edge> = Vec::new();
+        let mut edges: Vec<Edge> = Vec::with_capacity(sorted.len());
         for (at, (_, o)) in sorted.iter().enumerate() {
             let (point, pose) = (o.point as usize, o.pose as usize);
             match edges.last_mut() {
@@ -50,7 +50,9 @@ impl Layout {
             }
         }
         let mut edges_of_point = vec![0..0; problem.points.len()];
-        let mut edges_of_free = vec![Vec::new(); free_poses.len()];
+        let mut degrees = vec![0; free_poses.len()];
+        edges.iter().filter_map(|edge| edge.free).for_each(|free| degrees[free] += 1);
+        let mut edges_of_free: Vec<Vec<usize>> = degrees.into_iter().map(Vec::with_capacity).collect();
         let mut end = 0;
         for (point, range) in edges_of_point.iter_mut().enumerate() {
             let start = end;
