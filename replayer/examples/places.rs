@@ -8,7 +8,8 @@
 //! The index of descriptors is compared with two vocabularies of 10,000 words: one trained on the synthetic world, which could be
 //! shipped, and one trained on the very logs that it is judged by, which no user has. Each gets the least score that gives
 //! as many candidates over all logs as the index has: what is looked at closer costs the same. The lines "as in a replay"
-//! have what `looping.min_word_share` of the best neighbour's score lets through.
+//! have what `looping.min_word_share` of the best neighbour's score lets through; last comes a sweep of that share over all
+//! logs.
 
 #[path = "verdicts/steps.rs"]
 mod steps;
@@ -127,22 +128,54 @@ fn candidates(views: &[View], new: New<'_>, relative: bool) -> Vec<Vec<(usize, f
     views.iter().enumerate().map(of).collect()
 }
 
-/// Prints precision of the candidates from a score on, and the share of keyframes with a true match for which one was
-/// among them.
-fn judge(name: &str, truth: &Truth, candidates: &[Vec<(usize, f64)>], least: f64) {
-    let (mut all, mut right, mut partly, mut possible, mut hit) = (0, 0, 0, 0, 0);
-    for ((same, seen), candidates) in truth.same.iter().zip(&truth.partly).zip(candidates) {
-        let chosen = || candidates.iter().filter(|(_, score)| *score >= least).map(|(other, _)| other);
-        all += chosen().count();
-        right += chosen().filter(|other| same.contains(other)).count();
-        partly += chosen().filter(|other| seen.contains(other)).count();
-        possible += usize::from(!same.is_empty());
-        hit += usize::from(chosen().any(|other| same.contains(other)));
+/// How good the candidates are that have at least some score.
+#[derive(Default)]
+struct Quality {
+    all: usize,
+    /// Overlap by half, and by a fifth.
+    right: usize,
+    partly: usize,
+    /// Keyframes with a true match, and those of them for which one was among the candidates.
+    possible: usize,
+    hit: usize,
+}
+
+impl Quality {
+    fn add(&mut self, truth: &Truth, candidates: &[Vec<(usize, f64)>], least: f64) {
+        for ((same, seen), candidates) in truth.same.iter().zip(&truth.partly).zip(candidates) {
+            let chosen = || candidates.iter().filter(|(_, score)| *score >= least).map(|(other, _)| other);
+            self.all += chosen().count();
+            self.right += chosen().filter(|other| same.contains(other)).count();
+            self.partly += chosen().filter(|other| seen.contains(other)).count();
+            self.possible += usize::from(!same.is_empty());
+            self.hit += usize::from(chosen().any(|other| same.contains(other)));
+        }
     }
-    println!(
-        "  {name}: of {all} candidates {right} overlap by half, {partly} by a fifth; a match is found for {hit} of \
-         {possible} keyframes that have one"
-    );
+
+    fn print(&self, name: &str) {
+        let Self { all, right, partly, possible, hit } = self;
+        println!(
+            "  {name}: of {all} candidates {right} overlap by half, {partly} by a fifth; a match is found for {hit} of \
+             {possible} keyframes that have one"
+        );
+    }
+}
+
+fn judge(name: &str, truth: &Truth, candidates: &[Vec<(usize, f64)>], least: f64) {
+    let mut quality = Quality::default();
+    quality.add(truth, candidates, least);
+    quality.print(name);
+}
+
+/// Quality over all logs with rising shares of the best neighbour's score.
+fn sweep(name: &str, truths: &[Truth], candidates: &[Vec<Vec<(usize, f64)>>]) {
+    println!("{name}, all logs:");
+    for tenths in 0..10 {
+        let share = f64::from(tenths) / 10.0;
+        let mut quality = Quality::default();
+        truths.iter().zip(candidates).for_each(|(truth, found)| quality.add(truth, found, share));
+        quality.print(&format!("share {share:.1}"));
+    }
 }
 
 /// The least of the `count` best scores.
@@ -216,15 +249,19 @@ fn run() -> Result<()> {
     let least_share = Config::default().looping.min_word_share;
     let strong = found[0].iter().flatten().flatten().filter(|(_, votes)| *votes >= MIN_VOTES).count();
     let least = [MIN_VOTES, least_of(strong, &found[1]), least_of(strong, &found[2])];
+    let truths: Vec<Truth> = all.iter().map(|views| truth(views)).collect();
     for (log, views) in all.iter().enumerate() {
         println!("{}: {} keyframes", logs[log], views.len());
-        let truth = truth(views);
+        let truth = &truths[log];
         for (method, (name, _)) in methods.iter().enumerate() {
-            judge(name, &truth, &found[method][log], least[method]);
+            judge(name, truth, &found[method][log], least[method]);
             if method > 0 {
-                judge(&format!("{name}, as in a replay"), &truth, &relative[method][log], least_share);
+                judge(&format!("{name}, as in a replay"), truth, &relative[method][log], least_share);
             }
         }
+    }
+    for (method, (name, _)) in methods.iter().enumerate().skip(1) {
+        sweep(name, &truths, &relative[method]);
     }
     let views: Vec<&View> = all.iter().flatten().collect();
     for keyframes in [100, 1000, 10_000] {
