@@ -54,7 +54,7 @@ pub fn search<K: Copy + Ord>(
     let mut owner: Vec<Option<(u32, K)>> = vec![None; obs.len()];
     let mut nearby = Vec::with_capacity(obs.len());
     for query in queries {
-        obs.grid.query(query.pixel, query.radius, query.octaves[0], query.octaves[1], &obs.octave, &mut nearby);
+        obs.grid.query(query.pixel, query.radius, query.octaves[0], query.octaves[1], &mut nearby);
         if let Some((index, distance)) = best(obs, query, &mut nearby, limits, &allowed) {
             let claim = (distance, query.key);
             if owner[index].is_none_or(|holder| claim < holder) {

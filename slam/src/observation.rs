@@ -46,7 +46,7 @@ impl Observation {
         let raw_pixel: Vec<[f64; 2]> = features.pixel.iter().map(|p| p.map(f64::from)).collect();
         let pixel: Vec<[f64; 2]> = raw_pixel.iter().map(|p| camera.undistort(*p)).collect();
         let label = raw_pixel.iter().map(|p| label_at(mask, *p)).collect();
-        let grid = KeypointGrid::build(&pixel, camera.undistorted_bounds());
+        let grid = KeypointGrid::build(&pixel, &features.octave, camera.undistorted_bounds());
         Self {
             raw_pixel,
             pixel,

@@ -100,7 +100,7 @@ fn match_last(
     for i in (0..obs.len()).filter(|i| frame.class[*i] != KeypointClass::Person) {
         if e.radius_px > 0.0 {
             let (lowest, highest) = (obs.octave[i].saturating_sub(octaves), obs.octave[i].saturating_add(octaves));
-            last.obs.grid.query(obs.pixel[i], e.radius_px, lowest, highest, &last.obs.octave, &mut nearby);
+            last.obs.grid.query(obs.pixel[i], e.radius_px, lowest, highest, &mut nearby);
         } else {
             nearby.clone_from(&all);
         }

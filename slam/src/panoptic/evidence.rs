@@ -250,7 +250,7 @@ pub(super) fn find_again(
 ) -> Option<usize> {
     let octave = obs.octave[i];
     let radius = ctx.config.panoptic.motion.search_px;
-    then.obs.grid.query(pixel, radius, octave.saturating_sub(1), octave + 1, &then.obs.octave, nearby);
+    then.obs.grid.query(pixel, radius, octave.saturating_sub(1), octave + 1, nearby);
     nearby.retain(|j| then.class[*j as usize] != KeypointClass::Person);
     let [first, second] = nearest_two(&obs.descriptor[i], &then.obs.descriptor, nearby);
     let t = &ctx.config.tracking;

@@ -144,7 +144,7 @@ impl Corridor {
         }
         Observation {
             raw_pixel: pixels.clone(),
-            grid: KeypointGrid::build(&pixels, bounds),
+            grid: KeypointGrid::build(&pixels, &octaves, bounds),
             pixel: pixels,
             octave: octaves,
             angle: vec![0.0; n],

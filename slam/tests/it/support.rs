@@ -62,7 +62,7 @@ pub fn observation(pixels: &[[f64; 2]], descriptors: &[Descriptor]) -> Observati
         descriptor: descriptors.to_vec(),
         depth_m: vec![2.0; n],
         label: vec![0; n],
-        grid: KeypointGrid::build(pixels, camera().undistorted_bounds()),
+        grid: KeypointGrid::build(pixels, &vec![0; n], camera().undistorted_bounds()),
     }
 }
 

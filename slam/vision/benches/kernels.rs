@@ -83,11 +83,11 @@ fn grid_query_and_match_1000(bencher: Bencher<'_, '_>) {
     let mut rng = Rng::at(3, 0, 0, 0);
     let pixels: Vec<[f64; 2]> = (0..1000).map(|_| [rng.uniform() * 640.0, rng.uniform() * 480.0]).collect();
     let (octaves, words) = (vec![0; 1000], descriptors(1000, 4));
-    let grid = KeypointGrid::build(&pixels, Bounds { min: [0.0; 2], max: [640.0, 480.0] });
+    let grid = KeypointGrid::build(&pixels, &octaves, Bounds { min: [0.0; 2], max: [640.0, 480.0] });
     let mut near = Vec::new();
     bencher.bench_local(|| {
         let best = pixels.iter().zip(&words).map(|(pixel, word)| {
-            grid.query(*pixel, 15.0, 0, 1, &octaves, &mut near);
+            grid.query(*pixel, 15.0, 0, 1, &mut near);
             nearest_two(word, &words, &near)[0]
         });
         best.max()

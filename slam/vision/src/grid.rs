@@ -10,24 +10,25 @@ const ROWS: usize = 48;
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct KeypointGrid {
     bounds: Bounds,
-    /// Cell `c` (row-major) owns `indices[starts[c]..starts[c + 1]]`.
+    /// Cell `c` (row-major) owns `entries[starts[c]..starts[c + 1]]`.
     starts: Vec<u32>,
-    indices: Vec<u32>,
-    /// Pixels of `indices`, in the same order.
-    pixels: Vec<[f64; 2]>,
+    entries: Vec<Entry>,
+}
+
+/// What a query asks of a keypoint, side by side.
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
+struct Entry {
+    pixel: [f64; 2],
+    index: u32,
+    octave: u8,
 }
 
 impl KeypointGrid {
-    /// Sorts undistorted pixels into the cells. Points outside the bounds are kept in the border cells, so every finite
-    /// point can be found; a point that is not finite is never found.
+    /// Sorts keypoints, given by their undistorted pixels and octaves, into the cells. Points outside the bounds are kept in
+    /// the border cells, so every finite point can be found; a point that is not finite is never found.
     #[must_use]
-    pub fn build(pixels: &[[f64; 2]], bounds: Bounds) -> Self {
-        let mut grid = Self {
-            bounds,
-            starts: vec![0; COLUMNS * ROWS + 1],
-            indices: Vec::with_capacity(pixels.len()),
-            pixels: Vec::with_capacity(pixels.len()),
-        };
+    pub fn build(pixels: &[[f64; 2]], octaves: &[u8], bounds: Bounds) -> Self {
+        let mut grid = Self { bounds, starts: vec![0; COLUMNS * ROWS + 1], entries: Vec::with_capacity(pixels.len()) };
         let mut by_cell: Vec<(u32, u32)> = Vec::with_capacity(pixels.len());
         for (index, pixel) in pixels.iter().enumerate().filter(|(_, pixel)| pixel.iter().all(|v| v.is_finite())) {
             let cell = grid.row(pixel[1]) * COLUMNS + grid.column(pixel[0]);
@@ -38,27 +39,19 @@ impl KeypointGrid {
             grid.starts[cell + 1] += grid.starts[cell];
         }
         by_cell.sort_unstable();
-        for (_, index) in by_cell {
-            grid.indices.push(index);
-            grid.pixels.push(pixels[index as usize]);
-        }
+        let entry = |(_, index): (u32, u32)| Entry {
+            pixel: pixels[index as usize],
+            index,
+            octave: octaves[index as usize],
+        };
+        grid.entries.extend(by_cell.into_iter().map(entry));
         grid
     }
 
     /// Replaces `found` by the indices of keypoints with `|dx| < radius` and `|dy| < radius` around `center`
     /// (undistorted pixels) whose octave lies in `octave_min..=octave_max`, row of cells by row of cells: ascending
     /// within a cell, not as a whole.
-    ///
-    /// `octaves` holds the octave of every keypoint given to [`KeypointGrid::build`], in that order.
-    pub fn query(
-        &self,
-        center: [f64; 2],
-        radius: f64,
-        octave_min: u8,
-        octave_max: u8,
-        octaves: &[u8],
-        found: &mut Vec<u32>,
-    ) {
+    pub fn query(&self, center: [f64; 2], radius: f64, octave_min: u8, octave_max: u8, found: &mut Vec<u32>) {
         found.clear();
         if !(radius > 0.0 && center.iter().all(|v| v.is_finite())) {
             return;
@@ -68,14 +61,13 @@ impl KeypointGrid {
         for row in self.row(center[1] - radius)..=self.row(center[1] + radius) {
             let cells = row * COLUMNS + first_column..row * COLUMNS + last_column + 1;
             // Neighbouring cells of a row lie side by side, so one range covers them all.
-            let range = self.starts[cells.start] as usize..self.starts[cells.end] as usize;
-            found.resize(count + range.len(), 0);
-            for (&index, pixel) in self.indices[range.clone()].iter().zip(&self.pixels[range]) {
+            let entries = &self.entries[self.starts[cells.start] as usize..self.starts[cells.end] as usize];
+            found.resize(count + entries.len(), 0);
+            for Entry { pixel, index, octave } in entries {
                 let near = ((pixel[0] - center[0]).abs() < radius) & ((pixel[1] - center[1]).abs() < radius);
-                let octave = octaves[index as usize];
                 // Written always and kept only when it counts: no branch that the CPU would guess wrong.
-                found[count] = index;
-                count += usize::from(near & (octave >= octave_min) & (octave <= octave_max));
+                found[count] = *index;
+                count += usize::from(near & (*octave >= octave_min) & (*octave <= octave_max));
             }
         }
         found.truncate(count);
@@ -86,9 +78,8 @@ impl KeypointGrid {
     pub fn is_of(&self, n: usize) -> bool {
         self.starts.len() == COLUMNS * ROWS + 1
             && self.starts.is_sorted()
-            && self.starts.last().is_some_and(|end| *end as usize == self.indices.len())
-            && self.pixels.len() == self.indices.len()
-            && self.indices.iter().all(|index| (*index as usize) < n)
+            && self.starts.last().is_some_and(|end| *end as usize == self.entries.len())
+            && self.entries.iter().all(|entry| (entry.index as usize) < n)
     }
 
     fn column(&self, x: f64) -> usize {

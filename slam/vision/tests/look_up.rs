@@ -113,9 +113,9 @@ proptest! {
     ) {
         let points: Vec<[f64; 2]> = pixels.iter().map(|&(x, y, _)| [x, y]).collect();
         let octaves: Vec<u8> = pixels.iter().map(|&(.., octave)| octave).collect();
-        let grid = KeypointGrid::build(&points, Bounds { min: [0.0, 0.0], max: [640.0, 480.0] });
+        let grid = KeypointGrid::build(&points, &octaves, Bounds { min: [0.0, 0.0], max: [640.0, 480.0] });
         let mut found = vec![7];
-        grid.query([center.0, center.1], radius, octave_min, octave_min + span, &octaves, &mut found);
+        grid.query([center.0, center.1], radius, octave_min, octave_min + span, &mut found);
         found.sort_unstable();
         let expected: Vec<u32> = (0..points.len())
             .filter(|&i| (points[i][0] - center.0).abs() < radius && (points[i][1] - center.1).abs() < radius)
@@ -152,13 +152,13 @@ fn extreme_distances() {
 fn hostile_numbers_are_never_found_in_the_grid() {
     let points = [[f64::NAN, 1.0], [1.0, f64::INFINITY], [5.0, 5.0]];
     for max in [[640.0, 480.0], [0.0, 0.0], [f64::NAN, 1.0]] {
-        let grid = KeypointGrid::build(&points, Bounds { min: [0.0, 0.0], max });
+        let grid = KeypointGrid::build(&points, &[0; 3], Bounds { min: [0.0, 0.0], max });
         let mut found = Vec::new();
-        grid.query([4.0, 4.0], f64::INFINITY, 0, 9, &[0; 3], &mut found);
+        grid.query([4.0, 4.0], f64::INFINITY, 0, 9, &mut found);
         assert_eq!(found, [2]);
-        grid.query([f64::NAN, 4.0], 10.0, 0, 9, &[0; 3], &mut found);
+        grid.query([f64::NAN, 4.0], 10.0, 0, 9, &mut found);
         assert!(found.is_empty());
-        grid.query([4.0, 4.0], f64::NAN, 0, 9, &[0; 3], &mut found);
+        grid.query([4.0, 4.0], f64::NAN, 0, 9, &mut found);
         assert!(found.is_empty());
     }
 }

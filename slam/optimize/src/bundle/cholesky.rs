@@ -53,8 +53,8 @@ impl BlockCholesky {
     }
 }
 
-/// `out -= a * b^T`, laid out so that the compiler works on whole columns.
-#[inline]
+/// `out -= a * b^T`, laid out so that the compiler works on whole columns. Inlined, it goes entry by entry, at half the speed.
+#[inline(never)]
 pub(super) fn subtract_product<const N: usize>(out: &mut Matrix6<f64>, a: &SMatrix<f64, 6, N>, b: &SMatrix<f64, 6, N>) {
     for (c, column) in out.data.0.iter_mut().enumerate() {
         for (a, b) in a.data.0.iter().zip(&b.data.0) {
