@@ -116,7 +116,8 @@ mod tests {
         assert_eq!(v.push('c'), 2);
         assert_eq!(v.iter().collect::<Vec<_>>(), [(1, &'b'), (2, &'c')]);
         assert_eq!(v.iter().rev().collect::<Vec<_>>(), [(2, &'c'), (1, &'b')]);
-        assert_eq!((v.len(), v.next_index(), v.get(0), v.get(3), v.get_mut(9)), (2, 3, None, None, None));
+        assert_eq!((v.len(), v.next_index(), v.get(0), v.get(3)), (2, 3, None, None));
+        assert_eq!([0, 9].map(|hole| v.get_mut(hole).is_none()), [true; 2]);
     }
 
     #[test]

@@ -134,12 +134,17 @@ fn digest(sightings: &[Sighting]) -> u64 {
 /// The descriptor with the least median Hamming distance to the others; the first one wins ties.
 fn distinctive(descriptors: &[Descriptor]) -> Option<Descriptor> {
     let mut distances: SmallVec<[u32; 32]> = smallvec![0; descriptors.len()];
-    let median_of = |a: &Descriptor| {
-        hamming_many(a, descriptors, &mut distances);
+    let mut best: Option<(u32, &Descriptor)> = None;
+    for descriptor in descriptors {
+        hamming_many(descriptor, descriptors, &mut distances);
         let middle = (distances.len() - 1) / 2;
-        *distances.select_nth_unstable(middle).1
-    };
-    descriptors.iter().copied().min_by_key(median_of)
+        // Counting is cheaper than selecting, and most medians are not less than the least so far.
+        let is_less = |least: u32| distances.iter().filter(|d| **d < least).count() > middle;
+        if best.is_none_or(|(least, _)| is_less(least)) {
+            best = Some((*distances.select_nth_unstable(middle).1, descriptor));
+        }
+    }
+    best.map(|(_, descriptor)| *descriptor)
 }
 
 #[cfg(test)]
