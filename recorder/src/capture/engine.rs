@@ -366,7 +366,7 @@ impl Run<'_> {
     /// `pslam sync` does that.
     fn synchronise(&self, log: &mut LogWriter) -> Result<(), WriteError> {
         let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
-        let signals = std::mem::take(&mut progress.signals);
+        let signals = std::mem::take(&mut progress.signals).into_signals();
         drop(progress);
         if !self.options.synchronise || (signals.bodies.is_empty() && signals.arrivals.is_empty()) {
             return Ok(());

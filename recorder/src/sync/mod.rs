@@ -14,6 +14,7 @@
 mod append;
 mod clock;
 mod correlation;
+mod gather;
 mod hand_eye;
 mod offset;
 mod refine;
@@ -22,6 +23,7 @@ mod solve;
 
 pub use append::append_record;
 pub use clock::fit_clock;
+pub use gather::Gathering;
 pub use hand_eye::{HandEyeOptions, hand_eye};
 pub use offset::{OffsetOptions, estimate_offset};
 pub use signal::{AngularVelocity, from_gyro, from_poses};

@@ -23,6 +23,7 @@ pub struct SyncOptions {
 const METHOD: &str = "device clocks: line through the earliest arrival of each second (Theil-Sen); \
     mocap frames: at their number times the period, put on the host's clock by the same line; \
     offset: correlation of angular speeds, then robust least squares over rotation, bias, offset and drift; \
+    of recordings beyond a quarter of an hour every second, fourth, ... piece of 20 s; \
     hand-eye: AX = XB on motions of 0.75, 1.5 and 3 s, rotation by singular values, translation by robust least squares";
 
 /// Solves for clocks, offset and hand-eye transform. The gyroscope tells the offset if there is one, else the camera
@@ -43,7 +44,12 @@ pub fn solve(signals: &Signals, options: &SyncOptions) -> SyncRecord {
     let names = signals.bodies.keys().filter(wanted);
     let solved = |name: &String| {
         let marker = track(&signals.bodies[name], mocap_clock);
-        solve_body(name, &marker, camera_side, &turning, &camera, options)
+        let mut body = solve_body(name, &marker, camera_side, &turning, &camera, options);
+        if let Some(seen) = signals.seen.get(name) {
+            let moments = |(from, to): &(PoseSample, PoseSample)| [from, to].map(|end| end.moment_ns(mocap_clock)).into();
+            body.windows = seen.iter().map(moments).collect();
+        }
+        body
     };
     let bodies = names.map(solved).collect::<Vec<_>>();
     let agreement = |body: &BodySync| body.offset.found().map(|offset| offset.correlation);
@@ -87,6 +93,14 @@ fn solve_body(
 
 fn estimate<T>(result: Result<T, SyncError>) -> Estimate<T> {
     result.map_or_else(|error| Estimate::Missing(error.to_string()), Estimate::Found)
+}
+
+/// Samples so far apart have a gap between them, as their own usual interval tells; nanoseconds.
+pub(super) fn usual_gap_ns<'a>(bodies: impl Iterator<Item = &'a Vec<PoseSample>>) -> i64 {
+    let longest = bodies.max_by_key(|samples| samples.len()).map_or(&[][..], Vec::as_slice);
+    let interval_s = track(longest, None).interval_s();
+    // Of a body that is not known yet nothing can be told: that of a system of 50 Hz.
+    if interval_s > 0.0 { (2.5e9 * interval_s) as i64 } else { 50_000_000 }
 }
 
 fn track(samples: &[PoseSample], clock: Option<&ClockFit>) -> Track {
