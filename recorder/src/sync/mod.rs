@@ -26,6 +26,7 @@ pub use clock::fit_clock;
 pub use gather::Gathering;
 pub use hand_eye::{HandEyeOptions, hand_eye};
 pub use offset::{OffsetOptions, estimate_offset};
+pub use refine::DriftPrior;
 pub use signal::{AngularVelocity, from_gyro, from_poses};
 pub use solve::{SyncOptions, solve};
 

@@ -5,7 +5,7 @@
 //! rotation of any visual odometry, with less accuracy.
 
 use super::correlation::{Peak, best_lag, grid_step_s, norms};
-use super::refine::{Fit, Model, pairs, refine};
+use super::refine::{Drift, DriftPrior, Fit, Model, pairs, refine};
 use super::{AngularVelocity, SyncError};
 use nalgebra::{Matrix3, Vector3};
 use schemas::sync::{Offset, WindowOffset};
@@ -17,11 +17,13 @@ pub struct OffsetOptions {
     pub max_offset_s: f64,
     /// Length of the windows in which the offset is looked for again, seconds.
     pub window_s: f64,
+    /// What the arrivals tell of the drift.
+    pub drift: Option<DriftPrior>,
 }
 
 impl Default for OffsetOptions {
     fn default() -> Self {
-        Self { max_offset_s: 0.5, window_s: 20.0 }
+        Self { max_offset_s: 0.5, window_s: 20.0, drift: None }
     }
 }
 
@@ -38,7 +40,7 @@ const MAX_STRETCH_S: f64 = 600.0;
 const MAX_STRETCHES: f64 = 100.0;
 /// Common samples needed.
 const MIN_SAMPLES: usize = 300;
-/// Shorter recordings tell no drift: 10 s at an offset sigma of 0.1 ms leave 30 ppm.
+/// Shorter recordings tell no drift by their turning: 10 s at an offset sigma of 0.1 ms leave 30 ppm.
 const MIN_DRIFT_SPAN_S: f64 = 30.0;
 
 /// Estimates the offset from the angular velocities of the camera side and of the marker body.
@@ -67,14 +69,13 @@ pub fn estimate_offset(
         });
     }
     let start = Model { rotation: rotation_between(&both), ..start };
-    let window = smoothing_samples(&mocap_here);
-    let fit = grow(&mocap_here, camera, start, piece, whole, window);
+    let fit = grow(&mocap_here, camera, start, piece, whole, options.drift);
     let fit = fit.ok_or(SyncError::NoAgreement {
         what: "clock offset",
         reason: "the angular velocities do not fit each other at any offset".to_owned(),
     })?;
     let to_ns = |mocap_s: f64| camera.origin_ns + (mocap_s * 1e9).round() as i64;
-    let windows = windows(&mocap_here, camera, &fit, options, window);
+    let windows = windows(&mocap_here, camera, &fit, options);
     let windows = windows.into_iter().map(|(start_s, end_s, deviation_s, sigma_s)| WindowOffset {
         start_ns: to_ns(start_s),
         end_ns: to_ns(end_s),
@@ -129,15 +130,18 @@ fn grow(
     start: Model,
     stretch: Stretch,
     whole: Stretch,
-    window: f64,
+    prior: Option<DriftPrior>,
 ) -> Option<Fit> {
+    let window = smoothing_samples(mocap);
     let (mut stretch, mut model) = (stretch, start);
     loop {
         let length_s = stretch.1 - stretch.0;
         let middle_s = middle(stretch);
         let offset_s = model.offset_s + model.drift * (middle_s - model.middle_s);
         model = Model { offset_s, middle_s, ..model };
-        let fit = refine(&cut(mocap, stretch), camera, model, window, length_s >= MIN_DRIFT_SPAN_S)?;
+        let is_seen = prior.is_some() || length_s >= MIN_DRIFT_SPAN_S;
+        let drift = if is_seen { Drift::Free(prior) } else { Drift::Fixed };
+        let fit = refine(&cut(mocap, stretch), camera, model, window, drift)?;
         if stretch.0 <= whole.0 && stretch.1 >= whole.1 {
             return Some(fit);
         }
@@ -232,8 +236,8 @@ fn windows(
     camera: &AngularVelocity,
     fit: &Fit,
     options: &OffsetOptions,
-    window: f64,
 ) -> Vec<(f64, f64, f64, f64)> {
+    let window = smoothing_samples(mocap);
     let mut out = Vec::new();
     let mut from = 0;
     while let Some(start_s) = mocap.time_s.get(from).copied() {
@@ -241,7 +245,7 @@ fn windows(
         let piece = cut(mocap, (start_s, mocap.time_s[to - 1]));
         from = to;
         // Rotation and bias belong to the body, not to the piece; they start right and barely move.
-        let Some(one) = refine(&piece, camera, fit.model, window, false).filter(|one| one.samples >= MIN_SAMPLES)
+        let Some(one) = refine(&piece, camera, fit.model, window, Drift::Fixed).filter(|one| one.samples >= MIN_SAMPLES)
         else {
             continue;
         };
