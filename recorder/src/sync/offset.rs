@@ -245,7 +245,8 @@ fn windows(
         let piece = cut(mocap, (start_s, mocap.time_s[to - 1]));
         from = to;
         // Rotation and bias belong to the body, not to the piece; they start right and barely move.
-        let Some(one) = refine(&piece, camera, fit.model, window, Drift::Fixed).filter(|one| one.samples >= MIN_SAMPLES)
+        let Some(one) =
+            refine(&piece, camera, fit.model, window, Drift::Fixed).filter(|one| one.samples >= MIN_SAMPLES)
         else {
             continue;
         };

@@ -25,7 +25,7 @@ const METHOD: &str = "device clocks: line through the earliest arrival of each s
     mocap frames: at their number times the period, put on the host's clock by the same line; \
     offset: correlation of angular speeds, then robust least squares over rotation, bias, offset and drift, \
     the drift with what the device clocks tell of it; \
-    of recordings beyond a quarter of an hour every second, fourth, ... piece of 20 s; \
+    while recording, of more than ten minutes every second, fourth, ... piece of 20 s; \
     hand-eye: AX = XB on motions of 0.75, 1.5 and 3 s, rotation by singular values, translation by robust least squares";
 
 /// Solves for clocks, offset and hand-eye transform. The gyroscope tells the offset if there is one, else the camera
@@ -51,7 +51,8 @@ pub fn solve(signals: &Signals, options: &SyncOptions) -> SyncRecord {
         let marker = track(&signals.bodies[name], mocap_clock);
         let mut body = solve_body(name, &marker, camera_side, &turning, &camera, options);
         if let Some(seen) = signals.seen.get(name) {
-            let moments = |(from, to): &(PoseSample, PoseSample)| [from, to].map(|end| end.moment_ns(mocap_clock)).into();
+            let moments =
+                |(from, to): &(PoseSample, PoseSample)| [from, to].map(|end| end.moment_ns(mocap_clock)).into();
             body.windows = seen.iter().map(moments).collect();
         }
         body

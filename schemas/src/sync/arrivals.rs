@@ -169,7 +169,8 @@ mod tests {
     #[test]
     fn hours_need_no_more_than_a_thousand_windows() {
         // 250 Hz for three hours; the delay of every hundredth is none, all others have 2 to 4 ms.
-        let pair = |i: i64| (i * 4_000_000, i * 4_000_000 + if i % 100 == 37 { 0 } else { 2_000_000 + i % 3 * 1_000_000 });
+        let pair =
+            |i: i64| (i * 4_000_000, i * 4_000_000 + if i % 100 == 37 { 0 } else { 2_000_000 + i % 3 * 1_000_000 });
         let arrivals: Arrivals = (0..250 * 3600 * 3).map(pair).collect();
         let piece = arrivals.longest();
         let windows = piece.windows();
