@@ -26,7 +26,8 @@ const METHOD: &str = "device clocks: line through the earliest arrival of each s
     offset: correlation of angular speeds, then robust least squares over rotation, bias, offset and drift, \
     the drift with what the device clocks tell of it; \
     while recording, of more than ten minutes every second, fourth, ... piece of 20 s; \
-    hand-eye: AX = XB on motions of 0.75, 1.5 and 3 s, rotation by singular values, translation by robust least squares";
+    hand-eye: AX = XB on motions of 0.1 to 3.2 s, each length by its residuals, rotation by singular values, translation \
+    by robust least squares";
 
 /// Solves for clocks, offset and hand-eye transform. The gyroscope tells the offset if there is one, else the camera
 /// poses do; the hand-eye transform needs camera poses.
