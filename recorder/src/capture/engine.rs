@@ -116,6 +116,7 @@ fn create(options: &RecordOptions) -> Result<LogWriter, RecordError> {
     let log_options = LogOptions {
         force: options.force,
         compress: options.encoding != Encoding::Raw,
+        growing_chunks: true,
         ahead_bytes: AHEAD_BYTES.min(room / 4),
         ..LogOptions::default()
     };
