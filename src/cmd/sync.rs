@@ -4,7 +4,7 @@ use super::replay::How;
 use crate::progress::{self, Progress};
 use crate::{Outcome, Usage, stdout};
 use anyhow::Context as _;
-use recorder::sync::{OffsetOptions, SyncOptions, append_record, solve};
+use recorder::sync::{OffsetOptions, SyncOptions, append_record, is_of, solve};
 use replayer::log::read_signals;
 use replayer::run::{self, trajectory};
 use schemas::metadata;
@@ -66,6 +66,13 @@ impl Sync {
             let message =
                 format!("{} holds no mocap frames and no raw clocks: only `pslam record` writes them", log.display());
             return Err(Usage(message).into());
+        }
+        if let Some(subject) =
+            subject.as_ref().filter(|subject| !signals.bodies.keys().any(|body| is_of(body, subject)))
+        {
+            let known = signals.bodies.keys().map(String::as_str).collect::<Vec<_>>();
+            let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
+            return Err(Usage(format!("no body `{subject}` was seen; the recording has {known}")).into());
         }
         let path = match (&poses, no_poses || signals.bodies.is_empty()) {
             (_, true) => None,

@@ -1,6 +1,6 @@
 //! `pslam record` as a process: told to stop, killed, refused.
 
-use crate::support::{pslam_exits, text, write_masks};
+use crate::support::{pslam, pslam_exits, text, write_masks};
 use std::fs;
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
@@ -174,6 +174,43 @@ fn a_motion_capture_server_may_be_started_anew() {
     pslam_exits(0, &["filter", text(&log), "-n", "/mocap/.*", "-n", "/tf", "-o", text(&rest)]);
     let checked = pslam_exits(1, &["check", text(&rest)]);
     assert!(checked.contains("Error: nothing recorded"), "{checked}");
+}
+
+#[test]
+fn a_misspelt_subject_is_no_complete_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut sim, address) = start_sim(0);
+    let record = |name: &str, subject: &str| -> (Option<i32>, serde_json::Value) {
+        let log = folder.path().join(name);
+        let mut command = Command::new(env!("CARGO_BIN_EXE_pslam"));
+        command.args(["record", "--source", "none", "--json", "--reserve", "1M", "--duration", "1s"]);
+        command.args(["--vicon", &address, "--subject", subject, "-o", text(&log)]);
+        let output = command.output().unwrap();
+        let verdict = String::from_utf8_lossy(&output.stdout).lines().last().map(serde_json::from_str);
+        (output.status.code(), verdict.unwrap().unwrap())
+    };
+    let (code, complete) = record("a.mcap", "quad");
+    assert_eq!((code, &complete["reasons"]), (Some(0), &serde_json::json!([])));
+    let (code, missing) = record("b.mcap", "qad");
+    sim.kill().unwrap();
+    sim.wait().unwrap();
+    assert!(code == Some(1) && missing["streams"][0]["written"].as_u64().unwrap() > 20, "{missing}");
+    let reasons = missing["reasons"].to_string();
+    assert!(reasons.contains("nothing was ever seen") && reasons.contains("`qad` was never seen"), "{reasons}");
+    let synced = pslam(&["sync", text(&folder.path().join("a.mcap")), "--no-poses", "--subject", "qad"]);
+    let told = String::from_utf8_lossy(&synced.stderr);
+    assert!(synced.status.code() == Some(2) && told.contains("no body `qad` was seen"), "{told}");
+}
+
+#[test]
+fn the_rendered_camera_has_one_size() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("a.mcap");
+    let sizes = ["--color", "64x48@30", "--depth", "32x24@30"];
+    let refused = pslam(&[&["record", "--source", "synthetic", "-o", text(&log)], &sizes[..]].concat());
+    let told = String::from_utf8_lossy(&refused.stderr);
+    assert!(refused.status.code() == Some(2) && told.contains("one size and rate"), "{told}");
+    assert!(std::fs::read_dir(folder.path()).unwrap().next().is_none());
 }
 
 /// What a script with file systems of its own prints; `None` where such are not allowed.

@@ -28,7 +28,7 @@ pub use hand_eye::{HandEyeOptions, hand_eye};
 pub use offset::{OffsetOptions, estimate_offset};
 pub use refine::DriftPrior;
 pub use signal::{AngularVelocity, from_gyro, from_poses};
-pub use solve::{SyncOptions, solve};
+pub use solve::{SyncOptions, is_of, solve};
 
 /// Why nothing can be said.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

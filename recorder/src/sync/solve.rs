@@ -44,9 +44,7 @@ pub fn solve(signals: &Signals, options: &SyncOptions) -> SyncRecord {
     let mut options = options.clone();
     options.offset.drift = drift_told(clocks.get(stream).and_then(Estimate::found), mocap_clock, &turning);
     let options = &options;
-    let wanted = |name: &&String| {
-        options.body.as_ref().is_none_or(|body| body == *name || name.split_once('/').is_some_and(|(s, _)| s == body))
-    };
+    let wanted = |name: &&String| options.body.as_ref().is_none_or(|body| is_of(name, body));
     let names = signals.bodies.keys().filter(wanted);
     let solved = |name: &String| {
         let marker = track(&signals.bodies[name], mocap_clock);
@@ -69,6 +67,12 @@ pub fn solve(signals: &Signals, options: &SyncOptions) -> SyncRecord {
     let camera_body = best.map(|(_, body)| body.body.clone());
     let program = concat!("pslam ", env!("CARGO_PKG_VERSION")).to_owned();
     SyncRecord { program, method: METHOD.to_owned(), clocks, bodies, camera_body }
+}
+
+/// Whether a body (`subject/segment`) is the one that a user names, whole or by its subject.
+#[must_use]
+pub fn is_of(body: &str, named: &str) -> bool {
+    body == named || body.split_once('/').is_some_and(|(subject, _)| subject == named)
 }
 
 /// The drift that the arrivals tell: the mocap's moments are on the host's clock already, the camera's stamps are its

@@ -1,5 +1,6 @@
 //! A camera in a rendered room: everything after the sensor is what a real one would go through.
 
+use crate::Usage;
 use crate::progress::{self, Progress};
 use fixtures::{CameraPath, World, WorldConfig, inertial};
 use recorder::capture::{CameraSetup, End, Inlet, Source};
@@ -34,7 +35,18 @@ pub struct Synthetic {
 
 impl Synthetic {
     /// Renders the pictures.
+    ///
+    /// # Errors
+    /// Colour and depth of different sizes or rates, or a size that cannot be rendered.
     pub fn new(wish: Wish, progress: Progress) -> anyhow::Result<Self> {
+        if let (Some(color), Some(depth)) = (wish.color, wish.depth)
+            && color != depth
+        {
+            let message = format!(
+                "the rendered camera has one size and rate: --color {color} --depth {color}, or one of them off"
+            );
+            return Err(Usage(message).into());
+        }
         let mode = wish.color.or(wish.depth).unwrap_or(VideoMode { width: 160, height: 120, rate_hz: 30 });
         let (width, height) = (mode.width, mode.height);
         let picture_bytes = u64::from(width) * u64::from(height) * 5;
