@@ -92,7 +92,7 @@ fn a_killed_recording_keeps_what_was_flushed() {
         }
         assert!(!log.exists());
         let (partial, saved) = (format!("{}.partial", text(&log)), folder.path().join(format!("{number}.saved.mcap")));
-        let recovered = crate::support::pslam(&["recover", &partial, "-o", text(&saved)]);
+        let recovered = pslam(&["recover", &partial, "-o", text(&saved)]);
         assert!(recovered.status.code().is_some_and(|code| code <= 1), "{recovered:?}");
         let count = counts(&saved);
         for stream in status["streams"].as_array().unwrap() {
@@ -269,7 +269,7 @@ fn labels_made_while_recording_are_what_a_replay_sees() {
         .filter(|number| number % 3 == 1)
         .for_each(|n| fs::remove_file(masks.join(format!("class/{n}.png"))).unwrap());
     let asked = ["--segment", "--masks", text(&masks), "--segment-lag", "30", "--duration", "3", "--reserve", "1M"];
-    let output = crate::support::pslam(&[&SMALL[..], &asked, &["-o", text(&log)]].concat());
+    let output = pslam(&[&SMALL[..], &asked, &["-o", text(&log)]].concat());
     let last = String::from_utf8_lossy(&output.stdout).lines().last().unwrap().to_owned();
     let verdict: serde_json::Value = serde_json::from_str(&last).unwrap();
     let told = &verdict["segmentation"];
@@ -297,7 +297,7 @@ fn labels_made_while_recording_are_what_a_replay_sees() {
     let none = at("none");
     pslam_exits(0, &["filter", text(&log), "-n", "/segmentation/.*", "-o", text(&at("bare.mcap"))]);
     pslam_exits(0, &["replay", text(&at("bare.mcap")), "-o", text(&none)]);
-    assert_eq!(crate::support::pslam(&["diff", text(&none), text(&at("one"))]).status.code(), Some(1));
+    assert_eq!(pslam(&["diff", text(&none), text(&at("one"))]).status.code(), Some(1));
 }
 
 #[test]
