@@ -162,16 +162,16 @@ fn a_minute_of_hand_held_motion_gives_everything() {
     }
 }
 
-/// Half an hour at 100 ppm: the clocks part by 180 ms, so that no one lag fits the whole.
+/// As far apart as two clocks of 100 ppm are after two hours: 720 ms, so that no one lag fits the whole.
 #[test]
 fn a_long_recording_is_followed_from_where_it_shows() {
-    let drift = 1e-4;
+    let drift = 4e-4;
     let recording = record_with(HAND_HELD, 1800.0, 12, drift);
     let offset = offset_of(&recording).unwrap();
     let mocap_s = (offset.reference_ns - START_NS) as f64 * 1e-9;
     let error_s = (drifted_ns(mocap_s, drift) - offset.camera_ns(offset.reference_ns)) as f64 * 1e-9;
     eprintln!("half an hour: offset {:.4} ms wrong, drift {:.3} ppm", error_s * 1e3, offset.drift_ppm);
-    assert!(error_s.abs() < 1e-4 && (offset.drift_ppm - 100.0).abs() < 0.1, "{offset:?}");
+    assert!(error_s.abs() < 1e-4 && (offset.drift_ppm - 400.0).abs() < 0.1, "{offset:?}");
     assert_eq!(offset.windows.len(), 90);
     assert!(offset.windows.iter().all(|w| w.deviation_ns.abs() < 1e6), "{:?}", offset.windows);
 }
