@@ -210,7 +210,7 @@ fn the_rendered_camera_has_one_size() {
     let refused = pslam(&[&["record", "--source", "synthetic", "-o", text(&log)], &sizes[..]].concat());
     let told = String::from_utf8_lossy(&refused.stderr);
     assert!(refused.status.code() == Some(2) && told.contains("one size and rate"), "{told}");
-    assert!(std::fs::read_dir(folder.path()).unwrap().next().is_none());
+    assert!(fs::read_dir(folder.path()).unwrap().next().is_none());
 }
 
 /// What a script with file systems of its own prints; `None` where such are not allowed.
