@@ -49,8 +49,10 @@ pub struct Sync {
 /// The record, and where it went.
 #[derive(Debug, Serialize)]
 struct Report {
-    /// None in a dry run.
+    /// None in a dry run, and where the log keeps an earlier record.
     written_to: Option<PathBuf>,
+    /// Nothing was found now, but in an earlier record: that one stays the last.
+    kept_earlier: bool,
     #[serde(flatten)]
     record: SyncRecord,
 }
@@ -61,7 +63,7 @@ impl Sync {
             return Err(Usage(format!("--max-offset-ms {} is not between 1 and 60000", self.max_offset_ms)).into());
         }
         let Self { log, out, force, dry_run, subject, max_offset_ms, poses, no_poses, how, json } = self;
-        let (mut signals, _) = read_signals(&log)?;
+        let (mut signals, earlier) = read_signals(&log)?;
         if signals.bodies.is_empty() && signals.arrivals.is_empty() {
             let message =
                 format!("{} holds no mocap frames and no raw clocks: only `pslam record` writes them", log.display());
@@ -87,12 +89,13 @@ impl Sync {
         signals.camera = path.iter().flat_map(|path| &path.poses).map(sample).collect();
         let offset = OffsetOptions { max_offset_s: max_offset_ms * 1e-3, ..OffsetOptions::default() };
         let record = solve(&signals, &SyncOptions { offset, body: subject, ..SyncOptions::default() });
-        let written_to = (!dry_run).then(|| out.unwrap_or_else(|| log.clone()));
+        let found = record.camera_body().is_some() || record.bodies.is_empty();
+        let kept_earlier = !found && earlier.is_some_and(|earlier| earlier.camera_body().is_some());
+        let written_to = (!dry_run && !kept_earlier).then(|| out.unwrap_or_else(|| log.clone()));
         if let Some(out) = &written_to {
             append_record(&log, out, metadata::SYNC, record.to_metadata(), force)?;
         }
-        let found = record.camera_body().is_some() || record.bodies.is_empty();
-        stdout::either(json, "sync/1", &Report { written_to, record })?;
+        stdout::either(json, "sync/1", &Report { written_to, kept_earlier, record })?;
         Ok(Outcome::from_good(found))
     }
 }
@@ -132,6 +135,7 @@ impl fmt::Display for Report {
         }
         match &self.written_to {
             Some(path) => writeln!(f, "written to  {}", path.display()),
+            None if self.kept_earlier => writeln!(f, "nothing is written: the log has an offset from an earlier time"),
             None => writeln!(f, "nothing is written (dry run)"),
         }
     }

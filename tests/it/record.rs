@@ -1,6 +1,10 @@
 //! `pslam record` as a process: told to stop, killed, refused.
 
 use crate::support::{pslam, pslam_exits, text, write_masks};
+use recorder::sync::append_record;
+use schemas::metadata;
+use schemas::sync::{BodySync, Estimate, SyncRecord};
+use std::collections::BTreeMap;
 use std::fs;
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
@@ -200,6 +204,38 @@ fn a_misspelt_subject_is_no_complete_recording() {
     let synced = pslam(&["sync", text(&folder.path().join("a.mcap")), "--no-poses", "--subject", "qad"]);
     let told = String::from_utf8_lossy(&synced.stderr);
     assert!(synced.status.code() == Some(2) && told.contains("no body `qad` was seen"), "{told}");
+}
+
+/// A second of mocap alone tells no offset: that must not hide the one of an earlier time.
+#[test]
+fn a_sync_that_finds_nothing_keeps_what_was_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("a.mcap");
+    let (mut sim, address) = start_sim(0);
+    let mocap = ["record", "--source", "none", "--reserve", "1M", "--duration", "1s", "--vicon", &address];
+    pslam_exits(0, &[&mocap, &["-o", text(&log)][..]].concat());
+    sim.kill().unwrap();
+    sim.wait().unwrap();
+    let told = pslam_exits(1, &["sync", text(&log), "--no-poses"]);
+    assert!(told.contains("written to"), "{told}");
+    let earlier = SyncRecord {
+        program: "earlier".to_owned(),
+        method: String::new(),
+        clocks: BTreeMap::new(),
+        bodies: vec![BodySync {
+            body: "quad/quad".to_owned(),
+            windows: Vec::new(),
+            camera_side: String::new(),
+            offset: Estimate::Missing(String::new()),
+            hand_eye: Estimate::Missing(String::new()),
+        }],
+        camera_body: Some("quad/quad".to_owned()),
+    };
+    append_record(&log, &log, metadata::SYNC, earlier.to_metadata(), false).unwrap();
+    let before = fs::read(&log).unwrap();
+    let told = pslam_exits(1, &["sync", text(&log), "--no-poses"]);
+    assert!(told.contains("nothing is written: the log has an offset from an earlier time"), "{told}");
+    assert_eq!(fs::read(&log).unwrap(), before);
 }
 
 #[test]
