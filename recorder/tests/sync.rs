@@ -233,6 +233,18 @@ fn an_occlusion_is_no_motion() {
     assert!(degrees < 0.2 && metres < 0.004, "{degrees} deg, {metres} m");
 }
 
+/// Eight seconds, half of them hidden, and an offset that is looked for over 20 s either way: little in common, but all there.
+#[test]
+fn a_short_recording_is_found_in_a_wide_search() {
+    let mut recording = record(HAND_HELD, 8.0, 13);
+    recording.mocap.retain(|pose| (pose.stamp_ns - START_NS) % 1_000_000_000 < 520_000_000);
+    recording.gyro.iter_mut().for_each(|(stamp_ns, _)| *stamp_ns += 3_000_000_000);
+    let mocap = from_poses(&Track::new(recording.mocap));
+    let options = OffsetOptions { max_offset_s: 20.0, ..OffsetOptions::default() };
+    let offset = estimate_offset(&from_gyro(&recording.gyro), &mocap, &options).unwrap();
+    assert!((offset.offset_ns - OFFSET_NS - 3_000_000_000).abs() < 1_000_000, "{offset:?}");
+}
+
 #[test]
 fn turning_about_one_axis_hides_the_hand_eye_transform() {
     let recording = record(YAW_ONLY, 60.0, 7);
