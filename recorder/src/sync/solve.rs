@@ -25,7 +25,7 @@ const METHOD: &str = "device clocks: line through the earliest arrival of each s
     mocap frames: at their number times the period, put on the host's clock by the same line; \
     offset: correlation of angular speeds, then robust least squares over rotation, bias, offset and drift, \
     the drift with what the device clocks tell of it; \
-    while recording, of more than ten minutes every second, fourth, ... piece of 20 s; \
+    while recording, of more than five minutes every second, fourth, ... piece of 20 s; \
     hand-eye: AX = XB on motions of 0.1 to 3.2 s, each length by its residuals, rotation by singular values, translation \
     by robust least squares";
 
