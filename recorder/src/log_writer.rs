@@ -1,7 +1,9 @@
 //! One log file. Bytes depend on the calls alone: every option of the container is pinned here.
 
+mod chunks;
 mod target;
 
+use chunks::{CHUNK_BYTES, Chunks, MAX_CHUNK_BYTES};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use mcap::{Attachment, Compression, WriteOptions, Writer};
@@ -15,7 +17,6 @@ use target::Target;
 
 /// Fixed, so that the same content gives the same bytes whatever the version of the container library.
 const LIBRARY: &str = "panoptic-slam";
-const CHUNK_BYTES: u64 = 1 << 20;
 /// The fastest usual level: depth images at level 9 are a fifth smaller and take six times as long.
 const COMPRESSION_LEVEL: u32 = 1;
 
@@ -44,6 +45,8 @@ pub struct LogOptions {
     pub compress: bool,
     /// zstd's level for chunks, 1 (fast) to 22 (small).
     pub compression_level: u32,
+    /// Whether chunks grow with the log, so that its index stays small however long it becomes; without, all have a megabyte.
+    pub growing_chunks: bool,
     /// Space that the file owns ahead of its end, bytes, so that a full disk leaves room to close it; 0 = none. See
     /// [`LogWriter::is_disk_full`].
     pub ahead_bytes: u64,
@@ -56,6 +59,7 @@ impl Default for LogOptions {
             flush_interval_ns: 1_000_000_000,
             compress: true,
             compression_level: COMPRESSION_LEVEL,
+            growing_chunks: false,
             ahead_bytes: 0,
         }
     }
@@ -146,6 +150,8 @@ pub struct LogWriter {
     last_stamp: Option<Stamp>,
     last_flush: Option<Stamp>,
     flush_interval_ns: u64,
+    /// Sizes of growing chunks.
+    chunks: Option<Chunks>,
 }
 
 impl LogWriter {
@@ -179,7 +185,7 @@ impl LogWriter {
             .compression(options.compress.then_some(Compression::Zstd))
             .compression_level(options.compression_level)
             .compression_threads(0)
-            .chunk_size(Some(CHUNK_BYTES))
+            .chunk_size(Some(if options.growing_chunks { MAX_CHUNK_BYTES } else { CHUNK_BYTES }))
             .disable_seeking(true)
             .create(NoSeek::new(BufWriter::new(target.clone())))
             .map_err(|source| WriteError::Container { path: partial.clone(), source })?;
@@ -194,6 +200,7 @@ impl LogWriter {
             last_stamp: None,
             last_flush: None,
             flush_interval_ns: options.flush_interval_ns,
+            chunks: options.growing_chunks.then(Chunks::default),
         })
     }
 
@@ -290,6 +297,7 @@ impl LogWriter {
     /// # Errors
     /// The file system refuses.
     pub fn close_chunk(&mut self) -> Result<(), WriteError> {
+        self.chunks.iter_mut().for_each(Chunks::close);
         self.writer.flush().map_err(|source| self.container_error(source))
     }
 
@@ -331,6 +339,7 @@ impl LogWriter {
     /// The same with whatever checksum the record has, or none: another program's record stays as it is.
     pub(crate) fn metadata_as_is(&mut self, name: &str, values: BTreeMap<String, String>) -> Result<(), WriteError> {
         let record = Metadata { name: name.to_owned(), metadata: values };
+        self.chunks.iter_mut().for_each(Chunks::close);
         self.writer.write_metadata(&record).map_err(|source| self.container_error(source))
     }
 
@@ -416,6 +425,10 @@ impl LogWriter {
         publish_time: u64,
         data: &[u8],
     ) -> Result<(), WriteError> {
+        if self.chunks.as_ref().is_some_and(Chunks::is_full) {
+            self.close_chunk()?;
+        }
+        self.chunks.iter_mut().for_each(|chunks| chunks.add(data.len()));
         let header = MessageHeader { channel_id: channel.0, sequence, log_time, publish_time };
         self.writer.write_to_known_channel(&header, data).map_err(|source| self.container_error(source))
     }

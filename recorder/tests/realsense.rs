@@ -5,10 +5,9 @@
 
 mod realsense_support;
 
-use realsense_support::{assert_same, collect, ending, library, record, samples, samples_of_log, spec};
+use realsense_support::{Recorded, assert_same, collect, library, recorded, samples, samples_of_log, spec};
 use recorder::capture::{
-    Allowed, CameraSetup, CameraSource, Encoding, EndedBy, Limits, Pace, RecordOptions, SystemClock,
-    record as record_all,
+    Allowed, CameraSetup, CameraSource, Encoding, EndedBy, Limits, Pace, RecordOptions, SystemClock, record,
 };
 use recorder::import::realsense;
 use recorder::realsense::*;
@@ -73,11 +72,7 @@ fn a_camera_is_calibrated_and_set() {
 
 #[test]
 fn a_recording_is_a_camera() {
-    let Some((library, _one)) = library() else { return };
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join(format!("camera.{}", ending(&library)));
-    let (fed, spec) = (samples(MODE, 20), spec(MODE));
-    record(&library, &spec, &fed, &file);
+    let Some(Recorded { library, spec, fed, file, folder: _folder, .. }) = recorded(MODE, 20, |_| true) else { return };
     let context = Arc::new(Context::new(&library).unwrap());
     assert!(matches!(context.open(None), Err(CameraError::NoCamera)));
     context.add_recording(&file).unwrap();
@@ -101,15 +96,11 @@ fn a_recording_is_a_camera() {
 
 #[test]
 fn an_imported_recording_is_what_was_fed() {
-    let Some((library, _one)) = library() else { return };
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join(format!("camera.{}", ending(&library)));
-    let (mut fed, spec) = (samples(MODE, 40), spec(MODE));
     // Depth frames 11 and 12 never came.
-    fed.retain(
-        |sample| !matches!(sample, Sample::Frame(f) if f.format == Format::Z16 && (11..=12).contains(&f.header.number)),
-    );
-    record(&library, &spec, &fed, &file);
+    let is_lost = |sample: &Sample| matches!(sample, Sample::Frame(f) if f.format == Format::Z16 && (11..=12).contains(&f.header.number));
+    let Some(Recorded { library, fed, file, folder, .. }) = recorded(MODE, 40, |sample| !is_lost(sample)) else {
+        return;
+    };
     let log = folder.path().join("log.mcap");
     let report = realsense(&library, &file, &log, false, "test").unwrap();
     let counts: Vec<(&str, u64, u64)> =
@@ -181,11 +172,7 @@ fn opened(context: &Arc<Context>, serial: &str) -> Result<(Camera, CameraSetup),
 /// callback and its list of devices, as of a camera that is pulled out.
 #[test]
 fn an_unplugged_camera_is_told_and_comes_back() {
-    let Some((library, _one)) = library() else { return };
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join(format!("camera.{}", ending(&library)));
-    let (fed, spec) = (samples(MODE, 120), spec(MODE));
-    record(&library, &spec, &fed, &file);
+    let Some(Recorded { library, spec, fed, file, folder, .. }) = recorded(MODE, 120, |_| true) else { return };
     let context = Arc::new(Context::new(&library).unwrap());
     context.add_recording(&file).unwrap();
     let first = opened(&context, &spec.serial).unwrap();
@@ -211,7 +198,7 @@ fn an_unplugged_camera_is_told_and_comes_back() {
     };
     let (mut plugged, mut happened, mut before) = (true, Vec::new(), 0);
     let source = CameraSource::new(first, again, Pace::Recorded);
-    let verdict = record_all(vec![Box::new(source)], &options, Arc::new(SystemClock), &|| false, &mut |status| {
+    let verdict = record(vec![Box::new(source)], &options, Arc::new(SystemClock), &|| false, &mut |status| {
         happened.extend(status.happenings.iter().map(|happening| format!("{}: {}", happening.name, happening.text)));
         let is_lost = happened.iter().any(|text| text.starts_with("camera.lost"));
         if plugged && !is_lost && status.streams.iter().all(|stream| stream.counts.received > 20) {

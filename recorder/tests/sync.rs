@@ -4,8 +4,10 @@
 //! 0.3 degrees and 4 mm; offset 37.3 ms, drift 20 ppm. The limits are those that a user is promised.
 
 use nalgebra::{Vector3, Vector6};
-use recorder::sync::{HandEyeOptions, OffsetOptions, SyncError, estimate_offset, from_gyro, from_poses, hand_eye};
-use schemas::sync::{HandEye, Offset};
+use recorder::sync::{
+    HandEyeOptions, OffsetOptions, SyncError, SyncOptions, estimate_offset, from_gyro, from_poses, hand_eye, solve,
+};
+use schemas::sync::{HandEye, Offset, PoseSample, Signals};
 use slam_math::float::sin;
 use slam_math::{Rng, Se3, StampedPose, Track};
 use std::f64::consts::TAU;
@@ -78,10 +80,19 @@ struct Recording {
 
 /// Camera clock at a mocap time.
 fn camera_ns(mocap_s: f64) -> i64 {
-    START_NS + (mocap_s * 1e9) as i64 + OFFSET_NS + (mocap_s * DRIFT * 1e9) as i64
+    drifted_ns(mocap_s, DRIFT)
+}
+
+fn drifted_ns(mocap_s: f64, drift: f64) -> i64 {
+    START_NS + (mocap_s * 1e9) as i64 + OFFSET_NS + (mocap_s * drift * 1e9) as i64
 }
 
 fn record(motion: Motion, seconds: f64, seed: u64) -> Recording {
+    record_with(motion, seconds, seed, DRIFT)
+}
+
+fn record_with(motion: Motion, seconds: f64, seed: u64, drift: f64) -> Recording {
+    let camera_ns = |mocap_s: f64| drifted_ns(mocap_s, drift);
     let mut rng = Rng::at(seed, 0, 0, 0);
     let every = |hz: f64| (0..(seconds * hz) as usize).map(move |i| i as f64 / hz);
     let camera_from_marker = marker_from_camera().inverse();
@@ -151,6 +162,56 @@ fn a_minute_of_hand_held_motion_gives_everything() {
     }
 }
 
+/// As far apart as two clocks of 100 ppm are after two hours: 720 ms, so that no one lag fits the whole.
+#[test]
+fn a_long_recording_is_followed_from_where_it_shows() {
+    let drift = 4e-4;
+    let recording = record_with(HAND_HELD, 1800.0, 12, drift);
+    let offset = offset_of(&recording).unwrap();
+    let mocap_s = (offset.reference_ns - START_NS) as f64 * 1e-9;
+    let error_s = (drifted_ns(mocap_s, drift) - offset.camera_ns(offset.reference_ns)) as f64 * 1e-9;
+    eprintln!("half an hour: offset {:.4} ms wrong, drift {:.3} ppm", error_s * 1e3, offset.drift_ppm);
+    assert!(error_s.abs() < 1e-4 && (offset.drift_ppm - 400.0).abs() < 0.1, "{offset:?}");
+    assert_eq!(offset.windows.len(), 90);
+    assert!(offset.windows.iter().all(|w| w.deviation_ns.abs() < 1e6), "{:?}", offset.windows);
+}
+
+/// Arrivals with a jitter of 0.3 ms and stalls of 20 ms: with them the drift is known far better than by turning.
+#[test]
+fn arrivals_tell_the_drift() {
+    for seed in 0..3 {
+        let recording = record(Motion { seed: 10 + seed, ..HAND_HELD }, 60.0, seed);
+        let mut rng = Rng::at(seed, 7, 0, 0);
+        let mut late_ns = || {
+            let jitter = 3e5 * rng.uniform();
+            2_000_000 + jitter as i64 + if rng.uniform() < 0.02 { 20_000_000 } else { 0 }
+        };
+        let mut signals = Signals::default();
+        for (i, (stamp_ns, _)) in recording.gyro.iter().enumerate() {
+            let arrival_ns = START_NS + i as i64 * 5_000_000 + late_ns();
+            signals.arrivals.entry("gyro".to_owned()).or_default().push(*stamp_ns, arrival_ns);
+        }
+        let sample = |pose: &StampedPose| {
+            let system_ns = pose.stamp_ns - START_NS;
+            let (stamp_ns, world) = (pose.stamp_ns + late_ns(), &pose.world_from_body);
+            signals.arrivals.entry("mocap".to_owned()).or_default().push(system_ns, stamp_ns);
+            let (translation_m, rotation_xyzw) = (world.translation.into(), world.quaternion_xyzw());
+            PoseSample { stamp_ns, system_ns: Some(system_ns), translation_m, rotation_xyzw }
+        };
+        let samples = recording.mocap.iter().map(sample).collect();
+        signals.bodies.insert("quad/quad".to_owned(), samples);
+        signals.gyro = recording.gyro;
+        let record = solve(&signals, &SyncOptions::default());
+        let offset = record.camera_body().unwrap().offset.found().unwrap();
+        eprintln!("seed {seed}: drift {:.2} +- {:.2} ppm", offset.drift_ppm, offset.drift_sigma_ppm.unwrap());
+        assert!((offset.drift_ppm - 20.0).abs() < 0.5 && offset.drift_sigma_ppm.unwrap() < 1.5, "{offset:?}");
+        // The mocap's frames are placed behind their shortest transport of 2 ms.
+        let mocap_s = (offset.reference_ns - START_NS) as f64 * 1e-9 - 0.002;
+        let error_ns = camera_ns(mocap_s) - offset.camera_ns(offset.reference_ns);
+        assert!(error_ns.abs() < 200_000, "{error_ns} ns");
+    }
+}
+
 #[test]
 fn walking_is_enough_for_the_clocks() {
     let recording = record(WALKING, 60.0, 5);
@@ -170,6 +231,18 @@ fn an_occlusion_is_no_motion() {
     assert!(offset_error_s(&offset).abs() < 1e-3, "{offset:?}");
     let (degrees, metres) = hand_eye_error(&hand_eye_of(&recording, &offset).unwrap());
     assert!(degrees < 0.2 && metres < 0.004, "{degrees} deg, {metres} m");
+}
+
+/// Eight seconds, half of them hidden, and an offset that is looked for over 20 s either way: little in common, but all there.
+#[test]
+fn a_short_recording_is_found_in_a_wide_search() {
+    let mut recording = record(HAND_HELD, 8.0, 13);
+    recording.mocap.retain(|pose| (pose.stamp_ns - START_NS) % 1_000_000_000 < 520_000_000);
+    recording.gyro.iter_mut().for_each(|(stamp_ns, _)| *stamp_ns += 3_000_000_000);
+    let mocap = from_poses(&Track::new(recording.mocap));
+    let options = OffsetOptions { max_offset_s: 20.0, ..OffsetOptions::default() };
+    let offset = estimate_offset(&from_gyro(&recording.gyro), &mocap, &options).unwrap();
+    assert!((offset.offset_ns - OFFSET_NS - 3_000_000_000).abs() < 1_000_000, "{offset:?}");
 }
 
 #[test]

@@ -236,6 +236,13 @@ impl Extrinsics {
 }
 
 impl Intrinsics {
+    /// A camera without a lens that bends: size, and `fx, fy, cx, cy` in pixels.
+    #[must_use]
+    pub fn pinhole(width: u32, height: u32, k: [f64; 4]) -> Self {
+        let [fx, fy, cx, cy] = k.map(|value| value as f32);
+        Self { width, height, fx, fy, cx, cy, ..Self::default() }
+    }
+
     /// As a log tells them: what was written as 64 bits was 32 bits on the device. None for a lens that is not known.
     #[must_use]
     pub fn from_camera_info(info: &crate::msg::CameraInfo) -> Option<Self> {
@@ -304,8 +311,8 @@ mod tests {
         Extrinsics { rotation: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], translation: [0.0; 3] };
 
     fn camera(width: u32, height: u32, f: f32) -> Intrinsics {
-        let (cx, cy) = ((width as f32 - 1.0) / 2.0, (height as f32 - 1.0) / 2.0);
-        Intrinsics { width, height, fx: f, fy: f, cx, cy, ..Intrinsics::default() }
+        let [f, cx, cy] = [f64::from(f), (f64::from(width) - 1.0) / 2.0, (f64::from(height) - 1.0) / 2.0];
+        Intrinsics::pinhole(width, height, [f, f, cx, cy])
     }
 
     #[test]

@@ -5,6 +5,10 @@
 //! to mocap time ([`Offset::mocap_ns`]), takes the marker body's pose there, where it was seen without a gap, and adds the
 //! hand-eye transform.
 
+mod arrivals;
+
+pub use arrivals::{Arrivals, Piece, Window};
+
 use crate::cdr::CdrError;
 use crate::msg::{FrameMetadata, Imu, MocapFrame, NOT_TOLD};
 use crate::{Message, Stamp, metadata, topics};
@@ -28,13 +32,16 @@ pub struct PoseSample {
 /// Everything in a log that tells clocks and frames, without pictures.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Signals {
-    /// By stream: unwrapped device time and host monotonic time at arrival, nanoseconds. For `mocap`: the system's own time
-    /// and the frame's stamp, which is its arrival less the latency that was told.
-    pub arrivals: BTreeMap<String, Vec<(i64, i64)>>,
+    /// By stream: unwrapped device time and host monotonic time at arrival. For `mocap`: the system's own time and the
+    /// frame's stamp, which is its arrival less the latency that was told.
+    pub arrivals: BTreeMap<String, Arrivals>,
     /// Gyroscope: stamp in nanoseconds and rad/s in the sensor's frame.
     pub gyro: Vec<(i64, [f64; 3])>,
     /// By `subject/segment`: where the mocap saw it; occluded and suspect frames are left out.
     pub bodies: BTreeMap<String, Vec<PoseSample>>,
+    /// By body: first and last sample of each window in which it was seen without a gap, if samples were left out to save
+    /// memory. Else the samples themselves tell.
+    pub seen: BTreeMap<String, Vec<(PoseSample, PoseSample)>>,
     /// Camera poses in a world of their own, if something estimated them.
     pub camera: Vec<PoseSample>,
 }
@@ -67,9 +74,12 @@ impl Signals {
     /// Clocks of one measurement of a stream.
     pub fn arrival(&mut self, stream: &str, metadata: &FrameMetadata) {
         if metadata.device_time_ns != NOT_TOLD {
-            let pair = (metadata.device_time_ns, metadata.arrival_monotonic_ns);
-            self.arrivals.entry(stream.to_owned()).or_default().push(pair);
+            self.arrivals_of(stream).push(metadata.device_time_ns, metadata.arrival_monotonic_ns);
         }
+    }
+
+    fn arrivals_of(&mut self, stream: &str) -> &mut Arrivals {
+        self.arrivals.entry(stream.to_owned()).or_default()
     }
 
     /// One sample of the gyroscope.
@@ -83,7 +93,7 @@ impl Signals {
         let stamp_ns = Stamp::from(frame.header.stamp).0;
         let system_ns = system_ns(frame);
         if let Some(system_ns) = system_ns {
-            self.arrivals.entry("mocap".to_owned()).or_default().push((system_ns, stamp_ns));
+            self.arrivals_of("mocap").push(system_ns, stamp_ns);
         }
         for body in frame.bodies.iter().filter(|body| !body.occluded && !body.suspect) {
             let (p, q) = (&body.pose.position, &body.pose.orientation);
@@ -124,7 +134,7 @@ pub struct ClockFit {
     pub drift_ppm: f64,
     /// Spread of the earliest arrivals of each second about the line (1.4826 x median absolute deviation), nanoseconds.
     pub residual_ns: f64,
-    /// Median of the arrivals' delay above the line, nanoseconds.
+    /// Median of each second's median delay above the line, nanoseconds.
     pub delay_p50_ns: f64,
     /// The longest delay above the line, nanoseconds.
     pub delay_max_ns: f64,

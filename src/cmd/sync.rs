@@ -4,7 +4,7 @@ use super::replay::How;
 use crate::progress::{self, Progress};
 use crate::{Outcome, Usage, stdout};
 use anyhow::Context as _;
-use recorder::sync::{OffsetOptions, SyncOptions, append_record, solve};
+use recorder::sync::{OffsetOptions, SyncOptions, append_record, is_of, solve};
 use replayer::log::read_signals;
 use replayer::run::{self, trajectory};
 use schemas::metadata;
@@ -49,8 +49,10 @@ pub struct Sync {
 /// The record, and where it went.
 #[derive(Debug, Serialize)]
 struct Report {
-    /// None in a dry run.
+    /// None in a dry run, and where the log keeps an earlier record.
     written_to: Option<PathBuf>,
+    /// Nothing was found now, but in an earlier record: that one stays the last.
+    kept_earlier: bool,
     #[serde(flatten)]
     record: SyncRecord,
 }
@@ -61,11 +63,18 @@ impl Sync {
             return Err(Usage(format!("--max-offset-ms {} is not between 1 and 60000", self.max_offset_ms)).into());
         }
         let Self { log, out, force, dry_run, subject, max_offset_ms, poses, no_poses, how, json } = self;
-        let (mut signals, _) = read_signals(&log)?;
+        let (mut signals, earlier) = read_signals(&log)?;
         if signals.bodies.is_empty() && signals.arrivals.is_empty() {
             let message =
                 format!("{} holds no mocap frames and no raw clocks: only `pslam record` writes them", log.display());
             return Err(Usage(message).into());
+        }
+        if let Some(subject) =
+            subject.as_ref().filter(|subject| !signals.bodies.keys().any(|body| is_of(body, subject)))
+        {
+            let known = signals.bodies.keys().map(String::as_str).collect::<Vec<_>>();
+            let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
+            return Err(Usage(format!("no body `{subject}` was seen; the recording has {known}")).into());
         }
         let path = match (&poses, no_poses || signals.bodies.is_empty()) {
             (_, true) => None,
@@ -80,12 +89,13 @@ impl Sync {
         signals.camera = path.iter().flat_map(|path| &path.poses).map(sample).collect();
         let offset = OffsetOptions { max_offset_s: max_offset_ms * 1e-3, ..OffsetOptions::default() };
         let record = solve(&signals, &SyncOptions { offset, body: subject, ..SyncOptions::default() });
-        let written_to = (!dry_run).then(|| out.unwrap_or_else(|| log.clone()));
+        let found = record.camera_body().is_some() || record.bodies.is_empty();
+        let kept_earlier = !found && earlier.is_some_and(|earlier| earlier.camera_body().is_some());
+        let written_to = (!dry_run && !kept_earlier).then(|| out.unwrap_or_else(|| log.clone()));
         if let Some(out) = &written_to {
             append_record(&log, out, metadata::SYNC, record.to_metadata(), force)?;
         }
-        let found = record.camera_body().is_some() || record.bodies.is_empty();
-        stdout::either(json, "sync/1", &Report { written_to, record })?;
+        stdout::either(json, "sync/1", &Report { written_to, kept_earlier, record })?;
         Ok(Outcome::from_good(found))
     }
 }
@@ -125,6 +135,7 @@ impl fmt::Display for Report {
         }
         match &self.written_to {
             Some(path) => writeln!(f, "written to  {}", path.display()),
+            None if self.kept_earlier => writeln!(f, "nothing is written: the log has an offset from an earlier time"),
             None => writeln!(f, "nothing is written (dry run)"),
         }
     }

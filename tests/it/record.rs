@@ -1,6 +1,10 @@
 //! `pslam record` as a process: told to stop, killed, refused.
 
-use crate::support::{pslam_exits, text, write_masks};
+use crate::support::{pslam, pslam_exits, text, write_masks};
+use recorder::sync::append_record;
+use schemas::metadata;
+use schemas::sync::{BodySync, Estimate, SyncRecord};
+use std::collections::BTreeMap;
 use std::fs;
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
@@ -92,7 +96,7 @@ fn a_killed_recording_keeps_what_was_flushed() {
         }
         assert!(!log.exists());
         let (partial, saved) = (format!("{}.partial", text(&log)), folder.path().join(format!("{number}.saved.mcap")));
-        let recovered = crate::support::pslam(&["recover", &partial, "-o", text(&saved)]);
+        let recovered = pslam(&["recover", &partial, "-o", text(&saved)]);
         assert!(recovered.status.code().is_some_and(|code| code <= 1), "{recovered:?}");
         let count = counts(&saved);
         for stream in status["streams"].as_array().unwrap() {
@@ -176,6 +180,75 @@ fn a_motion_capture_server_may_be_started_anew() {
     assert!(checked.contains("Error: nothing recorded"), "{checked}");
 }
 
+#[test]
+fn a_misspelt_subject_is_no_complete_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut sim, address) = start_sim(0);
+    let record = |name: &str, subject: &str| -> (Option<i32>, serde_json::Value) {
+        let log = folder.path().join(name);
+        let mut command = Command::new(env!("CARGO_BIN_EXE_pslam"));
+        command.args(["record", "--source", "none", "--json", "--reserve", "1M", "--duration", "1s"]);
+        command.args(["--vicon", &address, "--subject", subject, "-o", text(&log)]);
+        let output = command.output().unwrap();
+        let verdict = String::from_utf8_lossy(&output.stdout).lines().last().map(serde_json::from_str);
+        (output.status.code(), verdict.unwrap().unwrap())
+    };
+    let (code, complete) = record("a.mcap", "quad");
+    assert_eq!((code, &complete["reasons"]), (Some(0), &serde_json::json!([])));
+    let (code, missing) = record("b.mcap", "qad");
+    sim.kill().unwrap();
+    sim.wait().unwrap();
+    assert!(code == Some(1) && missing["streams"][0]["written"].as_u64().unwrap() > 20, "{missing}");
+    let reasons = missing["reasons"].to_string();
+    assert!(reasons.contains("nothing was ever seen") && reasons.contains("`qad` was never seen"), "{reasons}");
+    let synced = pslam(&["sync", text(&folder.path().join("a.mcap")), "--no-poses", "--subject", "qad"]);
+    let told = String::from_utf8_lossy(&synced.stderr);
+    assert!(synced.status.code() == Some(2) && told.contains("no body `qad` was seen"), "{told}");
+}
+
+/// A second of mocap alone tells no offset: that must not hide the one of an earlier time.
+#[test]
+fn a_sync_that_finds_nothing_keeps_what_was_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("a.mcap");
+    let (mut sim, address) = start_sim(0);
+    let mocap = ["record", "--source", "none", "--reserve", "1M", "--duration", "1s", "--vicon", &address];
+    pslam_exits(0, &[&mocap, &["-o", text(&log)][..]].concat());
+    sim.kill().unwrap();
+    sim.wait().unwrap();
+    let told = pslam_exits(1, &["sync", text(&log), "--no-poses"]);
+    assert!(told.contains("written to"), "{told}");
+    let earlier = SyncRecord {
+        program: "earlier".to_owned(),
+        method: String::new(),
+        clocks: BTreeMap::new(),
+        bodies: vec![BodySync {
+            body: "quad/quad".to_owned(),
+            windows: Vec::new(),
+            camera_side: String::new(),
+            offset: Estimate::Missing(String::new()),
+            hand_eye: Estimate::Missing(String::new()),
+        }],
+        camera_body: Some("quad/quad".to_owned()),
+    };
+    append_record(&log, &log, metadata::SYNC, earlier.to_metadata(), false).unwrap();
+    let before = fs::read(&log).unwrap();
+    let told = pslam_exits(1, &["sync", text(&log), "--no-poses"]);
+    assert!(told.contains("nothing is written: the log has an offset from an earlier time"), "{told}");
+    assert_eq!(fs::read(&log).unwrap(), before);
+}
+
+#[test]
+fn the_rendered_camera_has_one_size() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("a.mcap");
+    let sizes = ["--color", "64x48@30", "--depth", "32x24@30"];
+    let refused = pslam(&[&["record", "--source", "synthetic", "-o", text(&log)], &sizes[..]].concat());
+    let told = String::from_utf8_lossy(&refused.stderr);
+    assert!(refused.status.code() == Some(2) && told.contains("one size and rate"), "{told}");
+    assert!(fs::read_dir(folder.path()).unwrap().next().is_none());
+}
+
 /// What a script with file systems of its own prints; `None` where such are not allowed.
 fn mounted(script: &str) -> Option<std::process::Output> {
     let run = |script: &str| Command::new("unshare").args(["-rm", "bash", "-c", script]).output();
@@ -232,7 +305,7 @@ fn labels_made_while_recording_are_what_a_replay_sees() {
         .filter(|number| number % 3 == 1)
         .for_each(|n| fs::remove_file(masks.join(format!("class/{n}.png"))).unwrap());
     let asked = ["--segment", "--masks", text(&masks), "--segment-lag", "30", "--duration", "3", "--reserve", "1M"];
-    let output = crate::support::pslam(&[&SMALL[..], &asked, &["-o", text(&log)]].concat());
+    let output = pslam(&[&SMALL[..], &asked, &["-o", text(&log)]].concat());
     let last = String::from_utf8_lossy(&output.stdout).lines().last().unwrap().to_owned();
     let verdict: serde_json::Value = serde_json::from_str(&last).unwrap();
     let told = &verdict["segmentation"];
@@ -260,7 +333,7 @@ fn labels_made_while_recording_are_what_a_replay_sees() {
     let none = at("none");
     pslam_exits(0, &["filter", text(&log), "-n", "/segmentation/.*", "-o", text(&at("bare.mcap"))]);
     pslam_exits(0, &["replay", text(&at("bare.mcap")), "-o", text(&none)]);
-    assert_eq!(crate::support::pslam(&["diff", text(&none), text(&at("one"))]).status.code(), Some(1));
+    assert_eq!(pslam(&["diff", text(&none), text(&at("one"))]).status.code(), Some(1));
 }
 
 #[test]

@@ -35,7 +35,7 @@ print(
 )
 assert abs(error_ms) < 1.0, "the offset is asked to a millisecond"
 # What is asked is asked for 60 s; short recordings are only told about.
-is_long = offset["drift_sigma_ppm"] is not None
+is_long = found["clocks"]["gyro"]["found"]["span_s"] > 30
 if is_long:
     assert abs(offset["drift_ppm"] - drift_ppm) < 2.0, "the drift is asked to 2 ppm"
 for stream in ("color", "depth", "gyro", "accel"):
@@ -50,8 +50,7 @@ distance_mm = 1e3 * math.dist(hand_eye["translation_m"], marker[:3])
 cosine = abs(sum(a * b for a, b in zip(hand_eye["rotation_xyzw"], marker[3:])) / math.hypot(*marker[3:]))
 angle_deg = math.degrees(2 * math.acos(min(cosine, 1.0)))
 print(f"hand-eye: {distance_mm:.2f} mm and {angle_deg:.3f} deg from what was planted, condition {hand_eye['condition']:.2f}")
-# Its translation is as good as the camera's path, here that of the SLAM itself: recorder/tests/sync.rs has paths with known
-# noise and asks for 3 mm.
+# Its translation is as good as the camera's path, here that of the SLAM itself, over the turning of the motion.
 # A short path at a small size is still far from what a lens that is not undone does to it (133 mm and 3.1 deg seen).
 assert distance_mm < 60.0 and angle_deg < 1.5, "even a short recording: 60 mm, 1.5 deg"
-assert not is_long or distance_mm < 15.0 and angle_deg < 0.2, "asked: 15 mm, 0.2 deg"
+assert not is_long or distance_mm < 5.0 and angle_deg < 0.2, "asked of a minute: 5 mm, 0.2 deg"

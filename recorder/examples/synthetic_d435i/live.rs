@@ -34,8 +34,9 @@ pub fn record(out: &Path, plan: &Plan) -> Result<(), Box<dyn Error>> {
     let again = Box::new(|| Err(CameraError::NoCamera));
     let mut sources: Vec<Box<dyn Source>> = vec![Box::new(CameraSource::new((opened, setup), again, Pace::Camera))];
     if let Some((address, subject)) = &plan.vicon {
-        let options = ViconOptions { subjects: vec![subject.clone()], ..ViconOptions::new(address) };
-        sources.push(Box::new(MotionCapture::new(Box::new(ViconSource::new(options)))));
+        let subjects = vec![subject.clone()];
+        let options = ViconOptions { subjects: subjects.clone(), ..ViconOptions::new(address) };
+        sources.push(Box::new(MotionCapture::new(Box::new(ViconSource::new(options)), &subjects)));
     }
     let options = RecordOptions {
         path: out.to_owned(),

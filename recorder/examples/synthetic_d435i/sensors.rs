@@ -3,13 +3,13 @@
 use crate::lens::bend;
 use crate::plan::Plan;
 use crate::planted;
-use fixtures::{CameraPath, Intrinsics, World, WorldConfig, scenario};
+use fixtures::{CameraPath, World, WorldConfig, inertial, scenario};
 use recorder::Arrival;
 use recorder::realsense::{
     Format, Frame, FrameHeader, Motion, Sample, SoftwareSpec, StreamId, StreamKind, TimestampDomain, VideoMode,
     metadata,
 };
-use schemas::alignment::{Intrinsics as Lens, LensModel};
+use schemas::alignment::{Intrinsics, LensModel};
 use slam_math::{Se3, float};
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -21,10 +21,6 @@ pub const RENDERED_S: f64 = 12.0;
 /// Inertial rates, Hz.
 const GYRO_HZ: i64 = 200;
 const ACCEL_HZ: i64 = 250;
-/// Step of the differences that motion is taken from.
-const STEP_NS: i64 = 2_000_000;
-/// Standard gravity, m/s^2; the world's z axis points up.
-const GRAVITY: f64 = 9.806_65;
 /// Values beside the counter and the stamps that a picture carries: all that librealsense knows up to "Sub-preset info".
 const OTHER_METADATA: std::ops::RangeInclusive<u32> = 3..=35;
 
@@ -43,21 +39,29 @@ pub struct Rig {
     pictures: OnceLock<[Vec<Vec<u8>>; 2]>,
 }
 
-fn camera(mode: VideoMode, focal: f64) -> Intrinsics {
+fn camera(mode: VideoMode, focal: f64) -> fixtures::Intrinsics {
     let (width, height) = (f64::from(mode.width), f64::from(mode.height));
     // Values that an f32 holds, as a camera tells them.
     let f = f64::from((focal * width) as f32);
     let (cx_px, cy_px) = ((width - 1.0) / 2.0, (height - 1.0) / 2.0);
-    Intrinsics { width: mode.width, height: mode.height, fx_px: f, fy_px: f, cx_px, cy_px }
+    fixtures::Intrinsics { width: mode.width, height: mode.height, fx_px: f, fy_px: f, cx_px, cy_px }
 }
 
-/// A still room, seen by somebody who looks about: enough turning about all axes to tell clocks and transforms.
+/// The world's camera as a device tells it.
+fn lens(world: &World, coefficients: [f32; 5]) -> Intrinsics {
+    let c = world.camera();
+    let pinhole = Intrinsics::pinhole(c.width, c.height, [c.fx_px, c.fy_px, c.cx_px, c.cy_px]);
+    Intrinsics { model: LensModel::InverseBrownConrady, coefficients, ..pinhole }
+}
+
+/// A still room, seen by somebody who looks about as one does to tell clocks and transforms: by half a radian to each side,
+/// and a hand that tilts. A hand-eye transform is out by the path's error over the turning: 2 mm over 0.4 rad are 5 mm.
 fn handheld() -> WorldConfig {
     let camera_path = CameraPath {
         cycles: [2.0, 3.0, 4.0],
-        look_amplitude_m: [0.8, 0.0, 0.35],
+        look_amplitude_m: [1.6, 0.0, 0.9],
         sway_m: 0.02,
-        sway_rad: 0.06,
+        sway_rad: 0.15,
         ..CameraPath::default()
     };
     WorldConfig { camera_path, frame_count: (RENDERED_S * 30.0) as u32, ..scenario::static_room() }
@@ -100,15 +104,12 @@ impl Rig {
     /// Tells the camera its lenses.
     pub fn calibrate(&self, spec: &mut SoftwareSpec) {
         for stream in &mut spec.calibration.streams {
-            let is_color = stream.profile.stream.kind == StreamKind::Color;
-            let world = if stream.profile.stream.kind == StreamKind::Depth { &self.depth } else { &self.color };
+            let (world, coefficients) = match stream.profile.stream.kind {
+                StreamKind::Depth => (&self.depth, [0.0; 5]),
+                _ => (&self.color, self.lens),
+            };
             if let Some(intrinsics) = &mut stream.intrinsics {
-                let camera = world.camera();
-                intrinsics.fx = camera.fx_px as f32;
-                intrinsics.fy = camera.fy_px as f32;
-                intrinsics.cx = camera.cx_px as f32;
-                intrinsics.cy = camera.cy_px as f32;
-                intrinsics.coefficients = if is_color { self.lens } else { [0.0; 5] };
+                *intrinsics = Intrinsics { model: intrinsics.model, ..lens(world, coefficients) };
             }
         }
         spec.calibration.extrinsics.iter_mut().for_each(|pair| pair.transform.translation = [0.0; 3]);
@@ -171,8 +172,8 @@ impl Rig {
         let at_ns = self.time_ns(kind, number);
         let header = header(kind, number, self.color.stamp_ns(0) + at_ns, plan.device_us(at_ns));
         match kind {
-            StreamKind::Gyro => motion(header, self.rotation_rate(at_ns)),
-            StreamKind::Accel => motion(header, self.specific_force(at_ns)),
+            StreamKind::Gyro => motion(header, inertial::angular_velocity(|ns| self.world_from_camera(ns), at_ns)),
+            StreamKind::Accel => motion(header, inertial::specific_force(|ns| self.world_from_camera(ns), at_ns)),
             _ => self.picture(header),
         }
     }
@@ -226,17 +227,7 @@ impl Rig {
                 let units = |index| self.depth.frame(index).depth_units;
                 (0..=self.turn).map(|index| units(index).iter().flat_map(|v| v.to_le_bytes()).collect()).collect()
             });
-            let camera = self.color.camera();
-            let lens = Lens {
-                width: camera.width,
-                height: camera.height,
-                fx: camera.fx_px as f32,
-                fy: camera.fy_px as f32,
-                cx: camera.cx_px as f32,
-                cy: camera.cy_px as f32,
-                model: LensModel::InverseBrownConrady,
-                coefficients: self.lens,
-            };
+            let lens = lens(&self.color, self.lens);
             let is_bent = self.lens.iter().any(|value| *value != 0.0);
             let seen = |rgb: Vec<u8>| if is_bent { bend(&rgb, &lens) } else { rgb };
             let color = (0..=self.turn).map(|index| seen(self.color.frame(index).rgb)).collect();
@@ -249,24 +240,6 @@ impl Rig {
         let turn_ns = i64::from(self.turn) * 1_000_000_000 / i64::from(self.mode.rate_hz);
         let round_ns = at_ns.rem_euclid(2 * turn_ns);
         self.color.world_from_camera(self.color.stamp_ns(0) + round_ns.min(2 * turn_ns - round_ns))
-    }
-
-    /// rad/s in the camera's axes.
-    fn rotation_rate(&self, at_ns: i64) -> [f64; 3] {
-        let [before, after] = [-STEP_NS / 2, STEP_NS / 2].map(|step| self.world_from_camera(at_ns + step));
-        let [x, y, z, w] = (before.inverse() * after).quaternion_xyzw();
-        // Twice the vector part is the angle, of either of the two quaternions.
-        [x, y, z].map(|part| 2.0 * part * w.signum() / (STEP_NS as f64 * 1e-9))
-    }
-
-    /// m/s^2 in the camera's axes; at rest it points up.
-    fn specific_force(&self, at_ns: i64) -> [f64; 3] {
-        let poses = [-STEP_NS, 0, STEP_NS].map(|step| self.world_from_camera(at_ns + step));
-        let [before, now, after] = poses.each_ref().map(|pose| pose.translation);
-        let mut force = (before - now * 2.0 + after) / (STEP_NS as f64 * 1e-9 * STEP_NS as f64 * 1e-9);
-        force.z += GRAVITY;
-        let local = poses[1].rotation.transpose() * force;
-        [local.x, local.y, local.z]
     }
 }
 

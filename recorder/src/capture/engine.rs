@@ -116,6 +116,7 @@ fn create(options: &RecordOptions) -> Result<LogWriter, RecordError> {
     let log_options = LogOptions {
         force: options.force,
         compress: options.encoding != Encoding::Raw,
+        growing_chunks: true,
         ahead_bytes: AHEAD_BYTES.min(room / 4),
         ..LogOptions::default()
     };
@@ -366,7 +367,7 @@ impl Run<'_> {
     /// `pslam sync` does that.
     fn synchronise(&self, log: &mut LogWriter) -> Result<(), WriteError> {
         let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
-        let signals = std::mem::take(&mut progress.signals);
+        let signals = std::mem::take(&mut progress.signals).into_signals();
         drop(progress);
         if !self.options.synchronise || (signals.bodies.is_empty() && signals.arrivals.is_empty()) {
             return Ok(());
@@ -418,6 +419,14 @@ fn reasons(book: &Book, ended_by: &EndedBy, had_duration: bool) -> Vec<String> {
             reasons.push(format!("{name}: its counter went back {} x", counts.restarts));
         }
     }
+    let mocap = book.ledger.counts(Stream::Mocap).received > 0;
+    if mocap && !book.mocap_sees {
+        reasons.push("mocap: frames came, but nothing was ever seen in them".to_owned());
+    }
+    let unseen = book.unseen.iter().filter(|_| mocap);
+    reasons.extend(unseen.map(|subject| {
+        format!("mocap: subject `{subject}` was never seen; `pslam devices` lists those that the system knows")
+    }));
     reasons.extend(book.away.iter().map(|(source, ns)| format!("{source} was away for {:.3} s", *ns as f64 / 1e9)));
     match ended_by {
         EndedBy::Reserve => reasons.push("the disk came down to the reserve".to_owned()),

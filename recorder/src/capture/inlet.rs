@@ -88,6 +88,10 @@ pub(super) struct Book {
     pub cameras: Vec<Connection>,
     pub setup: Option<CameraSetup>,
     pub mocap: MocapCounts,
+    /// Subjects that were asked for and not seen so far.
+    pub unseen: Vec<String>,
+    /// Whether the mocap saw anything at all.
+    pub mocap_sees: bool,
     pub happenings: Vec<Happening>,
     pub ended_by: Option<EndedBy>,
     /// Arrival of the first measurement of all, on the log's timeline.
@@ -157,9 +161,11 @@ impl Inlet {
         self.shared.onlookers.iter().for_each(|one| one.camera(setup));
     }
 
-    /// A motion capture system will send frames.
-    pub fn expect_mocap(&self) {
-        self.shared.book().expect(Stream::Mocap);
+    /// A motion capture system will send frames, with these subjects.
+    pub fn expect_mocap(&self, subjects: &[String]) {
+        let mut book = self.shared.book();
+        book.expect(Stream::Mocap);
+        book.unseen = subjects.to_vec();
     }
 
     /// The motion capture system is there, for the first time or again.
@@ -211,15 +217,21 @@ impl Inlet {
     /// A frame of the motion capture system.
     pub fn mocap(&self, frame: MocapFrame, source: &Arc<str>) {
         let arrival = frame.arrival;
-        let mut book = self.shared.book();
+        let mut guard = self.shared.book();
+        let book = &mut *guard;
         book.first.get_or_insert(self.shared.host.stamp(arrival));
         let occluded = frame.bodies.iter().filter(|body| body.world_from_segment.is_none()).count() as u64;
         let counts = &mut book.mocap;
         (counts.bodies, counts.occluded) = (frame.bodies.len() as u64, occluded);
         counts.occlusions += occluded;
         counts.frames_with_occlusion += u64::from(occluded > 0);
+        let mut seen = frame.bodies.iter().filter(|body| body.world_from_segment.is_some()).peekable();
+        book.mocap_sees |= seen.peek().is_some() || !frame.markers.is_empty();
+        if !book.unseen.is_empty() {
+            seen.for_each(|body| book.unseen.retain(|subject| *subject != body.subject));
+        }
         let step = book.ledger.received(Stream::Mocap, frame.number);
-        drop(book);
+        drop(guard);
         self.shared.take_step(Stream::Mocap, step);
         let stamp = self.shared.host.captured(&frame);
         self.shared.onlookers.iter().for_each(|one| one.mocap(stamp, &frame));

@@ -7,9 +7,9 @@ use super::lane::{Lane, Taken, Wait};
 use super::latency::Latency;
 use super::ledger::Cause;
 use super::stream::Stream;
+use crate::sync::Gathering;
 use crate::{LogWriter, WriteError};
 use schemas::msg::level;
-use schemas::sync::Signals;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -80,8 +80,8 @@ impl Shared {
 pub(super) struct Progress {
     pub bytes: u64,
     pub latency: Latency,
-    /// What the synchronisation needs of what was written; a few bytes a measurement.
-    pub signals: Signals,
+    /// What the synchronisation needs of what was written.
+    pub signals: Gathering,
 }
 
 /// The writing thread.

@@ -98,14 +98,16 @@ impl Source for CameraSource {
 pub struct MotionCapture {
     link: Link,
     name: Arc<str>,
+    subjects: Vec<String>,
 }
 
 impl MotionCapture {
-    /// Follows this system.
+    /// Follows this system. The verdict names those of `subjects` that were never seen; without any, it says so if nothing
+    /// at all was.
     #[must_use]
-    pub fn new(source: Box<dyn MocapSource>) -> Self {
+    pub fn new(source: Box<dyn MocapSource>, subjects: &[String]) -> Self {
         let name = source.describe().into();
-        Self { link: Link::new(source, Backoff::default()), name }
+        Self { link: Link::new(source, Backoff::default()), name, subjects: subjects.to_vec() }
     }
 }
 
@@ -115,7 +117,7 @@ impl Source for MotionCapture {
     }
 
     fn run(&mut self, inlet: &Inlet) -> End {
-        inlet.expect_mocap();
+        inlet.expect_mocap(&self.subjects);
         let mut refused = false;
         while !inlet.is_stopping() {
             match self.link.next(LOOK) {

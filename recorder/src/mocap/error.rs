@@ -14,8 +14,16 @@ pub enum MocapError {
         /// The system's answer.
         source: io::Error,
     },
+    /// Nobody listens.
+    #[error(
+        "{address}: nobody listens there; is the system running and streaming? Vicon DataStream has port 801, VRPN 3883"
+    )]
+    Refused {
+        /// Whom we tried.
+        address: String,
+    },
     /// The name or number is no address.
-    #[error("`{0}` is no address: give HOST or HOST:PORT")]
+    #[error("`{0}` is no address: give HOST or HOST:PORT, ports up to 65535")]
     Address(String),
     /// The connection stands but nobody speaks.
     #[error("{address}: connected, but silent for {} ms: is that a motion capture server?", waited.as_millis())]

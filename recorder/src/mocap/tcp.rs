@@ -30,7 +30,11 @@ impl Deadline {
 
 /// The addresses of `HOST` or `HOST:PORT`.
 pub fn resolve(address: &str, default_port: u16) -> Result<Vec<SocketAddr>, MocapError> {
-    let has_port = address.rsplit_once(':').is_some_and(|(_, port)| port.parse::<u16>().is_ok());
+    let port = address.rsplit_once(':').map(|(_, port)| port).filter(|port| port.bytes().all(|b| b.is_ascii_digit()));
+    if port.is_some_and(|port| port.parse::<u16>().is_err()) {
+        return Err(MocapError::Address(address.to_owned()));
+    }
+    let has_port = port.is_some();
     let whole = if has_port { address.to_owned() } else { format!("{address}:{default_port}") };
     let found = whole.to_socket_addrs().map_err(|source| MocapError::Io { address: whole.clone(), source })?;
     let found: Vec<SocketAddr> = found.collect();
@@ -51,6 +55,9 @@ impl Tcp {
         for candidate in resolve(address, default_port)? {
             match TcpStream::connect_timeout(&candidate, timeout) {
                 Ok(stream) => return Self::new(stream, candidate.to_string(), timeout),
+                Err(source) if source.kind() == io::ErrorKind::ConnectionRefused => {
+                    last = MocapError::Refused { address: candidate.to_string() };
+                }
                 Err(source) => last = MocapError::Io { address: candidate.to_string(), source },
             }
         }

@@ -27,9 +27,10 @@ pub fn norms(signal: &AngularVelocity, start_s: f64, step_s: f64, count: usize) 
 }
 
 /// The best lag of up to `max_lag` steps either way by which `b` must move to fit `a`; both on one grid. `None` when no
-/// lag has a tenth of the samples in common.
+/// lag has a tenth of the known samples in common.
 pub fn best_lag(a: &[f64], b: &[f64], max_lag: usize, step_s: f64) -> Option<Peak> {
-    let needed = (a.len().min(b.len()) / 10).max(10);
+    let known = |values: &[f64]| values.iter().filter(|value| !value.is_nan()).count();
+    let needed = (known(a).min(known(b)) / 10).max(10);
     let lags = -(max_lag as i64)..=max_lag as i64;
     let scores: Vec<(i64, f64)> =
         lags.filter_map(|lag| coefficient(a, b, lag, needed).map(|score| (lag, score))).collect();

@@ -9,9 +9,10 @@ use slam_math::{Se3, Track, float};
 /// Which motions are used.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HandEyeOptions {
-    /// Lengths of the motions, seconds.
+    /// Lengths of the motions, seconds, ascending. Short ones see what a path is out by from picture to picture, long ones
+    /// how it bends: each length counts by its own residuals.
     pub lengths_s: Vec<f64>,
-    /// Motions that turn less than this say little, radians.
+    /// Motions that turn less than this say nothing, radians.
     pub min_turn_rad: f64,
     /// Motions that turn more are near the half turn where the axis flips, radians.
     pub max_turn_rad: f64,
@@ -19,12 +20,14 @@ pub struct HandEyeOptions {
 
 impl Default for HandEyeOptions {
     fn default() -> Self {
-        Self { lengths_s: vec![0.75, 1.5, 3.0], min_turn_rad: 0.07, max_turn_rad: 2.8 }
+        Self { lengths_s: vec![0.1, 0.2, 0.4, 0.8, 1.6, 3.2], min_turn_rad: 0.01, max_turn_rad: 2.8 }
     }
 }
 
-/// Motions needed.
+/// Motions needed that turn by [`TELLING_RAD`].
 const MIN_MOTIONS: usize = 30;
+/// A turn well above the noise of camera poses, radians.
+const TELLING_RAD: f64 = 0.07;
 /// Ratio of the largest to the smallest singular value of the stacked `R_A - I` beyond which one direction of the
 /// translation is not seen: 1.2 to 1.7 for motion about all axes, 20 for turns about one axis (measured on simulated
 /// motion, see the tests).
@@ -34,6 +37,8 @@ const ROUNDS: usize = 10;
 
 /// A motion seen from both sides: `marker_before_from_marker_after` and the same of the camera.
 struct Motion {
+    /// Which of the lengths it has.
+    length: usize,
     marker: Se3,
     camera: Se3,
     marker_turn: Vector3<f64>,
@@ -52,10 +57,11 @@ pub fn hand_eye(
     options: &HandEyeOptions,
 ) -> Result<HandEye, SyncError> {
     let motions = motions(camera, marker, offset, options);
-    if motions.len() < MIN_MOTIONS {
+    let telling = motions.iter().filter(|motion| motion.marker_turn.norm() >= TELLING_RAD).count();
+    if telling < MIN_MOTIONS {
         return Err(SyncError::TooFew {
-            what: "motions seen by camera and mocap",
-            found: motions.len(),
+            what: "motions seen by camera and mocap that turn by four degrees",
+            found: telling,
             needed: MIN_MOTIONS,
         });
     }
@@ -78,11 +84,12 @@ pub fn hand_eye(
     let marker_from_camera = Se3 { rotation, translation };
     // Overlapping motions repeat each other's noise: only as many as fit side by side count.
     let independent = float::max(motions.len() as f64 / overlap(camera, options), 1.0);
-    let mean_turn = motions.iter().fold(0.0, |sum, m| sum + m.marker_turn.norm()) / motions.len() as f64;
+    let turn_rms =
+        (motions.iter().fold(0.0, |sum, m| sum + m.marker_turn.norm_squared()) / motions.len() as f64).sqrt();
     Ok(HandEye {
         rotation_xyzw: marker_from_camera.quaternion_xyzw(),
         translation_m: translation.into(),
-        rotation_sigma_deg: (rotation_residual / mean_turn / independent.sqrt()).to_degrees(),
+        rotation_sigma_deg: (rotation_residual / turn_rms / independent.sqrt()).to_degrees(),
         translation_sigma_m: sigma * (motions.len() as f64 / independent).sqrt(),
         rotation_residual_deg: rotation_residual.to_degrees(),
         translation_residual_m: translation_residual,
@@ -98,7 +105,7 @@ fn motions(camera: &Track, marker: &Track, offset: &Offset, options: &HandEyeOpt
         .iter()
         .filter_map(|pose| Some((pose.stamp_ns, pose.world_from_body, marker.at(offset.mocap_ns(pose.stamp_ns))?)))
         .collect();
-    for length_s in &options.lengths_s {
+    for (length, length_s) in options.lengths_s.iter().enumerate() {
         let length_ns = (length_s * 1e9) as i64;
         for (i, (stamp, camera_before, marker_before)) in poses.iter().enumerate() {
             let j = i + poses[i..].partition_point(|(other, _, _)| *other < stamp + length_ns);
@@ -111,29 +118,36 @@ fn motions(camera: &Track, marker: &Track, offset: &Offset, options: &HandEyeOpt
             let turn = |motion: &Se3| motion.log().fixed_rows::<3>(3).into_owned();
             let (marker_turn, camera_turn) = (turn(&marker), turn(&camera));
             if (options.min_turn_rad..options.max_turn_rad).contains(&marker_turn.norm()) {
-                out.push(Motion { marker, camera, marker_turn, camera_turn });
+                out.push(Motion { length, marker, camera, marker_turn, camera_turn });
             }
         }
     }
     out
 }
 
-/// How many motions cover the same moment.
+/// How many motions share a moment's noise: as many as there are lengths, over the longest of them.
 fn overlap(camera: &Track, options: &HandEyeOptions) -> f64 {
     let interval_s = float::max(camera.interval_s(), 1e-3);
-    options.lengths_s.iter().fold(0.0, |sum, length| sum + float::max(length / interval_s, 1.0))
+    let longest_s = options.lengths_s.iter().copied().fold(0.0, float::max);
+    options.lengths_s.len() as f64 * float::max(longest_s / interval_s, 1.0)
 }
 
-/// Weight of a residual against the typical one: 1 up to it, then falling with the square (Geman and McClure).
-fn weights(residuals: &[f64]) -> Vec<f64> {
-    let typical = float::max(float::median_in_place(&mut residuals.to_vec()).unwrap_or(0.0) * 2.0, 1e-12);
-    residuals
-        .iter()
-        .map(|r| {
-            let ratio = r / typical;
-            1.0 / ((1.0 + ratio * ratio) * (1.0 + ratio * ratio))
-        })
-        .collect()
+/// Weight of each residual: against the typical one of its length 1 up to it, then falling with the square (Geman and
+/// McClure); lengths against each other by the square of what is typical. The typical motion of all weighs about 1.
+fn weights(motions: &[Motion], residuals: &[f64]) -> Vec<f64> {
+    let median = |of: &dyn Fn(&Motion) -> bool| {
+        let mut known: Vec<f64> = motions.iter().zip(residuals).filter(|(m, _)| of(m)).map(|(_, r)| *r).collect();
+        float::max(float::median_in_place(&mut known).unwrap_or(0.0) * 2.0, 1e-12)
+    };
+    let all = median(&|_| true);
+    let lengths = motions.iter().map(|motion| motion.length + 1).max().unwrap_or(0);
+    let typical: Vec<f64> = (0..lengths).map(|length| median(&|motion| motion.length == length)).collect();
+    let weight = |(motion, residual): (&Motion, &f64)| {
+        let typical = typical[motion.length];
+        let (ratio, share) = (residual / typical, all / typical);
+        share * share / ((1.0 + ratio * ratio) * (1.0 + ratio * ratio))
+    };
+    motions.iter().zip(residuals).map(weight).collect()
 }
 
 /// Rotation with the weighted mean residual, radians.
@@ -147,7 +161,7 @@ fn solve_rotation(motions: &[Motion]) -> Option<(Matrix3<f64>, f64)> {
             .fold(Matrix3::zeros(), |sum: Matrix3<f64>, (m, w)| sum + m.marker_turn * m.camera_turn.transpose() * *w);
         rotation = nearest_rotation(&outer)?;
         let residuals: Vec<f64> = motions.iter().map(|m| (m.marker_turn - rotation * m.camera_turn).norm()).collect();
-        weight = weights(&residuals);
+        weight = weights(motions, &residuals);
     }
     let residual = |m: &Motion| (m.marker_turn - rotation * m.camera_turn).norm_squared();
     Some((rotation, weighted_rms(motions.iter().map(residual), &weight)))
@@ -170,7 +184,7 @@ fn solve_translation(motions: &[Motion], rotation: &Matrix3<f64>) -> Option<(Vec
         }
         translation = normal.try_inverse()? * right;
         let residuals: Vec<f64> = motions.iter().map(parts).map(|(a, b)| (a * translation - b).norm()).collect();
-        weight = weights(&residuals);
+        weight = weights(motions, &residuals);
     }
     let residual = motions.iter().map(parts).map(|(a, b)| (a * translation - b).norm_squared());
     let rms = weighted_rms(residual, &weight);

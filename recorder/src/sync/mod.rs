@@ -14,6 +14,7 @@
 mod append;
 mod clock;
 mod correlation;
+mod gather;
 mod hand_eye;
 mod offset;
 mod refine;
@@ -22,10 +23,12 @@ mod solve;
 
 pub use append::append_record;
 pub use clock::fit_clock;
+pub use gather::Gathering;
 pub use hand_eye::{HandEyeOptions, hand_eye};
 pub use offset::{OffsetOptions, estimate_offset};
+pub use refine::DriftPrior;
 pub use signal::{AngularVelocity, from_gyro, from_poses};
-pub use solve::{SyncOptions, solve};
+pub use solve::{SyncOptions, is_of, solve};
 
 /// Why nothing can be said.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

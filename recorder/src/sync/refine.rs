@@ -25,6 +25,15 @@ pub struct Model {
     pub middle_s: f64,
 }
 
+/// What is known of a drift before the fit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DriftPrior {
+    /// Seconds a second, by which the camera's clock is faster than the mocap's.
+    pub drift: f64,
+    /// Its standard deviation.
+    pub sigma: f64,
+}
+
 /// Result of the fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fit {
@@ -56,6 +65,15 @@ pub fn pairs(mocap: &AngularVelocity, camera: &AngularVelocity, model: &Model) -
     both.filter_map(|(t, m)| Some((*m, camera.at(model.camera_time(*t))?.0))).collect()
 }
 
+/// Whether a fit moves the drift.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Drift {
+    /// It stays as it starts.
+    Fixed,
+    /// It is moved, from what is known of it.
+    Free(Option<DriftPrior>),
+}
+
 /// Refines a model whose offset is right to some tens of milliseconds. `window` is the number of neighbouring mocap
 /// samples that share their noise through smoothing. `None` without samples in common or when the system is singular.
 pub fn refine(
@@ -63,12 +81,15 @@ pub fn refine(
     camera: &AngularVelocity,
     start: Model,
     window: f64,
-    with_drift: bool,
+    drift: Drift,
 ) -> Option<Fit> {
     let mut model = start;
     let mut last = None;
     for _ in 0..ROUNDS {
-        let system = System::build(mocap, camera, &model, with_drift);
+        let mut system = System::build(mocap, camera, &model, drift != Drift::Fixed);
+        if let Drift::Free(Some(prior)) = drift {
+            system.know(&prior, &model, window);
+        }
         let inverse = system.normal.cholesky()?.inverse();
         let step: Parameters = inverse * system.gradient;
         model.rotation *= Se3::exp(&nalgebra::Vector6::new(0.0, 0.0, 0.0, step[0], step[1], step[2])).rotation;
@@ -82,10 +103,10 @@ pub fn refine(
     }
     let (system, inverse) = last?;
     // Three axes a sample, each with this variance; smoothing makes `window` neighbours one measurement.
-    let variance = system.cost / (3.0 * system.weight) * window;
+    let variance = system.variance(window);
     let sigma = |i: usize| (inverse[(i, i)] * variance).sqrt();
     let residual_rad_s = (system.cost / system.weight).sqrt();
-    let drift_sigma = if with_drift { sigma(7) } else { f64::INFINITY };
+    let drift_sigma = if drift == Drift::Fixed { f64::INFINITY } else { sigma(7) };
     model.offset_s.is_finite().then_some(Fit {
         model,
         offset_sigma_s: sigma(6),
@@ -105,6 +126,18 @@ struct System {
 }
 
 impl System {
+    /// Of one axis of a sample, (rad/s)^2, as if neighbours that share their noise were one.
+    fn variance(&self, window: f64) -> f64 {
+        self.cost / (3.0 * self.weight) * window
+    }
+
+    /// Adds what is known of the drift, weighed against the samples by their variance.
+    fn know(&mut self, prior: &DriftPrior, model: &Model, window: f64) {
+        let weight = self.variance(window) / (prior.sigma * prior.sigma);
+        self.normal[(7, 7)] += weight;
+        self.gradient[7] += weight * (prior.drift - model.drift);
+    }
+
     fn build(mocap: &AngularVelocity, camera: &AngularVelocity, model: &Model, with_drift: bool) -> Self {
         let (mut normal, mut gradient) = (SMatrix::<f64, 8, 8>::zeros(), Parameters::zeros());
         let (mut cost, mut total, mut samples) = (0.0, 0.0, 0);

@@ -1,8 +1,9 @@
 //! Everything that a log's signals tell, as one record.
 
+use super::clock::drift_sigma;
 use super::{
-    AngularVelocity, HandEyeOptions, OffsetOptions, SyncError, estimate_offset, fit_clock, from_gyro, from_poses,
-    hand_eye,
+    AngularVelocity, DriftPrior, HandEyeOptions, OffsetOptions, SyncError, estimate_offset, fit_clock, from_gyro,
+    from_poses, hand_eye,
 };
 use schemas::sync::{BodySync, ClockFit, Estimate, PoseSample, Signals, SyncRecord};
 use slam_math::{Se3, StampedPose, Track};
@@ -22,8 +23,11 @@ pub struct SyncOptions {
 /// The methods, as a log tells them.
 const METHOD: &str = "device clocks: line through the earliest arrival of each second (Theil-Sen); \
     mocap frames: at their number times the period, put on the host's clock by the same line; \
-    offset: correlation of angular speeds, then robust least squares over rotation, bias, offset and drift; \
-    hand-eye: AX = XB on motions of 0.75, 1.5 and 3 s, rotation by singular values, translation by robust least squares";
+    offset: correlation of angular speeds, then robust least squares over rotation, bias, offset and drift, \
+    the drift with what the device clocks tell of it; \
+    while recording, of more than five minutes every second, fourth, ... piece of 20 s; \
+    hand-eye: AX = XB on motions of 0.1 to 3.2 s, each length by its residuals, rotation by singular values, translation \
+    by robust least squares";
 
 /// Solves for clocks, offset and hand-eye transform. The gyroscope tells the offset if there is one, else the camera
 /// poses do; the hand-eye transform needs camera poses.
@@ -33,17 +37,24 @@ pub fn solve(signals: &Signals, options: &SyncOptions) -> SyncRecord {
         signals.arrivals.iter().map(|(stream, pairs)| (stream.clone(), estimate(fit_clock(pairs)))).collect();
     let mocap_clock = clocks.get("mocap").and_then(Estimate::found);
     let camera = track(&signals.camera, None);
-    let (camera_side, turning) = match signals.gyro.len() {
-        0 => ("camera poses", from_poses(&camera)),
-        _ => ("gyroscope", from_gyro(&signals.gyro)),
+    let (camera_side, stream, turning) = match signals.gyro.len() {
+        0 => ("camera poses", "color", from_poses(&camera)),
+        _ => ("gyroscope", "gyro", from_gyro(&signals.gyro)),
     };
-    let wanted = |name: &&String| {
-        options.body.as_ref().is_none_or(|body| body == *name || name.split_once('/').is_some_and(|(s, _)| s == body))
-    };
+    let mut options = options.clone();
+    options.offset.drift = drift_told(clocks.get(stream).and_then(Estimate::found), mocap_clock, &turning);
+    let options = &options;
+    let wanted = |name: &&String| options.body.as_ref().is_none_or(|body| is_of(name, body));
     let names = signals.bodies.keys().filter(wanted);
     let solved = |name: &String| {
         let marker = track(&signals.bodies[name], mocap_clock);
-        solve_body(name, &marker, camera_side, &turning, &camera, options)
+        let mut body = solve_body(name, &marker, camera_side, &turning, &camera, options);
+        if let Some(seen) = signals.seen.get(name) {
+            let moments =
+                |(from, to): &(PoseSample, PoseSample)| [from, to].map(|end| end.moment_ns(mocap_clock)).into();
+            body.windows = seen.iter().map(moments).collect();
+        }
+        body
     };
     let bodies = names.map(solved).collect::<Vec<_>>();
     let agreement = |body: &BodySync| body.offset.found().map(|offset| offset.correlation);
@@ -56,6 +67,22 @@ pub fn solve(signals: &Signals, options: &SyncOptions) -> SyncRecord {
     let camera_body = best.map(|(_, body)| body.body.clone());
     let program = concat!("pslam ", env!("CARGO_PKG_VERSION")).to_owned();
     SyncRecord { program, method: METHOD.to_owned(), clocks, bodies, camera_body }
+}
+
+/// Whether a body (`subject/segment`) is the one that a user names, whole or by its subject.
+#[must_use]
+pub fn is_of(body: &str, named: &str) -> bool {
+    body == named || body.split_once('/').is_some_and(|(subject, _)| subject == named)
+}
+
+/// The drift that the arrivals tell: the mocap's moments are on the host's clock already, the camera's stamps are its
+/// device's time plus a constant. Not where that clock began anew, for then there are several constants.
+fn drift_told(camera: Option<&ClockFit>, mocap: Option<&ClockFit>, turning: &AngularVelocity) -> Option<DriftPrior> {
+    let (camera, mocap) = camera.zip(mocap)?;
+    let span_s = turning.end_s() - turning.time_s.first().copied().unwrap_or(0.0);
+    let [a, b] = [camera, mocap].map(drift_sigma);
+    (camera.span_s >= 0.95 * span_s)
+        .then(|| DriftPrior { drift: -camera.drift_ppm * 1e-6, sigma: (a * a + b * b).sqrt() })
 }
 
 fn solve_body(
@@ -87,6 +114,14 @@ fn solve_body(
 
 fn estimate<T>(result: Result<T, SyncError>) -> Estimate<T> {
     result.map_or_else(|error| Estimate::Missing(error.to_string()), Estimate::Found)
+}
+
+/// Samples so far apart have a gap between them, as their own usual interval tells; nanoseconds.
+pub(super) fn usual_gap_ns<'a>(bodies: impl Iterator<Item = &'a Vec<PoseSample>>) -> i64 {
+    let longest = bodies.max_by_key(|samples| samples.len()).map_or(&[][..], Vec::as_slice);
+    let interval_s = track(longest, None).interval_s();
+    // Of a body that is not known yet nothing can be told: that of a system of 50 Hz.
+    if interval_s > 0.0 { (2.5e9 * interval_s) as i64 } else { 50_000_000 }
 }
 
 fn track(samples: &[PoseSample], clock: Option<&ClockFit>) -> Track {

@@ -152,9 +152,11 @@ fn nobody_there_and_nobody_speaking() {
     let mut source = ViconSource::new(ViconOptions { timeout, ..ViconOptions::new(&address.to_string()) });
     assert!(matches!(source.connect(), Err(MocapError::Silent { .. })));
     drop(listener);
-    assert!(matches!(source.connect(), Err(MocapError::Io { .. })));
+    assert!(matches!(source.connect(), Err(MocapError::Refused { .. })));
     let mut nowhere = ViconSource::new(ViconOptions::new("no such host.invalid"));
     assert!(matches!(nowhere.connect(), Err(MocapError::Io { .. })));
+    let mut impossible = ViconSource::new(ViconOptions::new("127.0.0.1:99999"));
+    assert!(matches!(impossible.connect(), Err(MocapError::Address(address)) if address == "127.0.0.1:99999"));
 }
 
 #[test]

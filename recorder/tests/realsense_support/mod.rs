@@ -6,7 +6,7 @@ use log::for_each_sample;
 use recorder::Arrival;
 use recorder::realsense::*;
 use schemas::alignment::{Aligner, Intrinsics, LensModel, Rounding};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -133,7 +133,7 @@ pub fn samples_of_log(path: &Path) -> Vec<Sample> {
 }
 
 /// The ending of a recording that this version writes.
-pub fn ending(library: &Library) -> &'static str {
+fn ending(library: &Library) -> &'static str {
     if minor_version(library) >= 58 { "db3" } else { "bag" }
 }
 
@@ -141,12 +141,28 @@ fn minor_version(library: &Library) -> u32 {
     library.version().split('.').nth(1).unwrap().parse().unwrap()
 }
 
-/// Writes a recording with the vendor's recorder.
-pub fn record(library: &Library, spec: &SoftwareSpec, samples: &[Sample], file: &Path) {
-    let software = SoftwareCamera::new(library, spec).unwrap();
-    let recording = software.record(file, true).unwrap();
-    samples.iter().for_each(|sample| software.feed(sample).unwrap());
+/// A recording by the vendor's recorder, in a folder that goes with it.
+pub struct Recorded {
+    pub library: Library,
+    pub spec: SoftwareSpec,
+    pub fed: Vec<Sample>,
+    pub file: PathBuf,
+    pub folder: tempfile::TempDir,
+    _one: MutexGuard<'static, ()>,
+}
+
+/// Records what `keep` keeps of so many frames; `None` without a library.
+pub fn recorded(mode: VideoMode, frames: u32, keep: impl FnMut(&Sample) -> bool) -> Option<Recorded> {
+    let (library, _one) = library()?;
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join(format!("camera.{}", ending(&library)));
+    let (mut fed, spec) = (samples(mode, frames), spec(mode));
+    fed.retain(keep);
+    let software = SoftwareCamera::new(&library, &spec).unwrap();
+    let recording = software.record(&file, true).unwrap();
+    fed.iter().for_each(|sample| software.feed(sample).unwrap());
     drop(recording);
+    Some(Recorded { library, spec, fed, file, folder, _one })
 }
 
 /// A turn about the axis (1, 1, 1), column after column; `a` is the tangent of half the angle, over the root of 3.

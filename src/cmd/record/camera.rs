@@ -45,7 +45,7 @@ pub struct CameraArgs {
     #[arg(long, value_name = "on|off", value_parser = clap::builder::PossibleValuesParser::new(["on", "off"]))]
     emitter: Option<String>,
     /// Exposure in the camera's own units (depth: microseconds); turns automatic exposure off.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = number)]
     exposure: Option<f32>,
     /// Preset of the depth camera by its name, as high-accuracy.
     #[arg(long, value_name = "NAME")]
@@ -84,8 +84,12 @@ fn mode(text: &str) -> Result<Mode, String> {
     if text == "off" { Ok(Switched(None)) } else { text.parse().map(|mode| Switched(Some(mode))) }
 }
 
+fn number(text: &str) -> Result<f32, String> {
+    text.parse().ok().filter(|value: &f32| value.is_finite()).ok_or_else(|| format!("`{text}` is not a number"))
+}
+
 fn option(text: &str) -> Result<(String, f32), String> {
-    let parsed = text.split_once('=').and_then(|(name, value)| Some((name.to_owned(), value.parse().ok()?)));
+    let parsed = text.split_once('=').and_then(|(name, value)| Some((name.to_owned(), number(value).ok()?)));
     parsed.ok_or_else(|| format!("`{text}` is not NAME=NUMBER"))
 }
 

@@ -52,7 +52,7 @@ impl MocapArgs {
             Box::new(UdpSource::new(UdpOptions { listen: listen.to_owned(), subjects: subjects.clone() }))
         });
         match vicon.or(vrpn).or(udp) {
-            Some(source) => Ok(Some(Box::new(MotionCapture::new(source)))),
+            Some(source) => Ok(Some(Box::new(MotionCapture::new(source, &self.subject)))),
             None if self.subject.is_empty() => Ok(None),
             None => Err(Usage("--subject needs a motion capture system: --vicon, --vrpn or --udp".to_owned())),
         }

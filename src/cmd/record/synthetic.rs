@@ -1,13 +1,14 @@
 //! A camera in a rendered room: everything after the sensor is what a real one would go through.
 
+use crate::Usage;
 use crate::progress::{self, Progress};
-use fixtures::{CameraPath, Intrinsics, World, WorldConfig};
+use fixtures::{CameraPath, World, WorldConfig, inertial};
 use recorder::capture::{CameraSetup, End, Inlet, Source};
 use recorder::realsense::{
     Calibration, DeviceDescription, Format, Frame, FrameHeader, Motion, Sample, SensorDescription, StreamCalibration,
     StreamExtrinsics, StreamId, StreamKind, StreamProfile, TimestampDomain, VideoMode, Wish, metadata,
 };
-use schemas::alignment::{self, Extrinsics, LensModel};
+use schemas::alignment::{Extrinsics, Intrinsics};
 use slam_math::Se3;
 use std::sync::Arc;
 use std::time::Duration;
@@ -22,9 +23,6 @@ const UNITS_PER_METRE: f64 = 1000.0;
 /// The camera's counter when the recording starts: an hour after it was switched on.
 const BOOT_US: i64 = 3_600_000_000;
 const EXPOSURE_US: i64 = 8_000;
-const GRAVITY_M_S2: f64 = 9.81;
-/// Step of numerical derivatives, nanoseconds: short against the sway of the hand (0.1 s), long against rounding.
-const STEP_NS: i64 = 1_000_000;
 
 /// The rendered camera.
 pub struct Synthetic {
@@ -37,7 +35,18 @@ pub struct Synthetic {
 
 impl Synthetic {
     /// Renders the pictures.
+    ///
+    /// # Errors
+    /// Colour and depth of different sizes or rates, or a size that cannot be rendered.
     pub fn new(wish: Wish, progress: Progress) -> anyhow::Result<Self> {
+        if let (Some(color), Some(depth)) = (wish.color, wish.depth)
+            && color != depth
+        {
+            let message = format!(
+                "the rendered camera has one size and rate: --color {color} --depth {color}, or one of them off"
+            );
+            return Err(Usage(message).into());
+        }
         let mode = wish.color.or(wish.depth).unwrap_or(VideoMode { width: 160, height: 120, rate_hz: 30 });
         let (width, height) = (mode.width, mode.height);
         let picture_bytes = u64::from(width) * u64::from(height) * 5;
@@ -47,7 +56,7 @@ impl Synthetic {
             frame_count,
             frame_rate_hz: mode.rate_hz.max(1),
             depth_units_per_metre: UNITS_PER_METRE,
-            camera: Intrinsics {
+            camera: fixtures::Intrinsics {
                 width,
                 height,
                 fx_px: 525.0 * scale,
@@ -97,16 +106,7 @@ impl Synthetic {
 
     fn setup(&self) -> CameraSetup {
         let c = self.world.camera();
-        let lens = alignment::Intrinsics {
-            width: c.width,
-            height: c.height,
-            fx: c.fx_px as f32,
-            fy: c.fy_px as f32,
-            cx: c.cx_px as f32,
-            cy: c.cy_px as f32,
-            model: LensModel::None,
-            coefficients: [0.0; 5],
-        };
+        let lens = Intrinsics::pinhole(c.width, c.height, [c.fx_px, c.fy_px, c.cx_px, c.cy_px]);
         let profiles = self.streams();
         let calibration = |profile: &StreamProfile| StreamCalibration {
             profile: *profile,
@@ -160,8 +160,10 @@ impl Synthetic {
             arrival: inlet.clock().now(),
         };
         if stream.kind.is_motion() {
-            let xyz = if stream.kind == StreamKind::Gyro { self.gyro(time_ns) } else { self.accel(time_ns) };
-            return Sample::Motion(Motion { header, xyz });
+            let path = |at_ns| self.world_from_camera(at_ns);
+            let is_gyro = stream.kind == StreamKind::Gyro;
+            let felt = if is_gyro { inertial::angular_velocity } else { inertial::specific_force };
+            return Sample::Motion(Motion { header, xyz: felt(path, time_ns).map(|axis| axis as f32) });
         }
         let (color, depth) = &self.pictures[number as usize % self.pictures.len()];
         let bytes = if stream.kind == StreamKind::Color { color.clone() } else { depth.clone() };
@@ -170,24 +172,6 @@ impl Synthetic {
 
     fn world_from_camera(&self, time_ns: i64) -> Se3 {
         self.world.world_from_camera(self.world.stamp_ns(0) + time_ns.rem_euclid(self.loop_ns))
-    }
-
-    /// Angular velocity in the camera's axes, rad/s.
-    fn gyro(&self, time_ns: i64) -> [f32; 3] {
-        let [before, after] = [-STEP_NS, STEP_NS].map(|step| self.world_from_camera(time_ns + step));
-        let turn = (before.inverse() * after).log();
-        let seconds = 2.0 * STEP_NS as f64 * 1e-9;
-        [turn[3], turn[4], turn[5]].map(|angle| (angle / seconds) as f32)
-    }
-
-    /// What an accelerometer feels in the camera's axes, m/s^2.
-    fn accel(&self, time_ns: i64) -> [f32; 3] {
-        let [before, now, after] = [-STEP_NS, 0, STEP_NS].map(|step| self.world_from_camera(time_ns + step));
-        let seconds = STEP_NS as f64 * 1e-9;
-        let mut felt = (before.translation + after.translation - now.translation * 2.0) / (seconds * seconds);
-        felt.z += GRAVITY_M_S2;
-        let felt = now.rotation.transpose() * felt;
-        [felt.x as f32, felt.y as f32, felt.z as f32]
     }
 }
 
