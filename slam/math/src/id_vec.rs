@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use serde::ser::SerializeSeq;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// Values that are shared and copied together.
@@ -28,7 +29,12 @@ impl<T, const N: usize> Default for IdVec<T, N> {
 
 impl<T: Serialize, const N: usize> Serialize for IdVec<T, N> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_seq(self.blocks.iter().flat_map(|block| block.iter()).take(self.used))
+        // Some formats need the number beforehand.
+        let mut slots = serializer.serialize_seq(Some(self.used))?;
+        for slot in self.blocks.iter().flat_map(|block| block.iter()).take(self.used) {
+            slots.serialize_element(slot)?;
+        }
+        slots.end()
     }
 }
 
