@@ -19,10 +19,10 @@ pub struct Redact {
     #[arg(long, value_name = "NAME", default_value = panoptic::PERSON)]
     class: Vec<String>,
     /// How far around them, pixels; twice as far where masks of other frames stand in.
-    #[arg(long, value_name = "PX", default_value = "32", value_parser = clap::value_parser!(u16).range(0..=500))]
+    #[arg(long, value_name = "PX", default_value = "64", value_parser = clap::value_parser!(u16).range(0..=500))]
     margin: u16,
     /// What no class claims, in frames with somebody: redact it too, since nobody can tell who is there, or keep it.
-    #[arg(long, value_name = "WHAT", default_value = "cover")]
+    #[arg(long, value_name = "WHAT", default_value = "keep")]
     unknown: Unknown,
     /// Frames before and after whose masks count too: networks miss people now and then.
     #[arg(long, value_name = "FRAMES", default_value = "2", value_parser = clap::value_parser!(u16).range(0..=100))]
