@@ -88,12 +88,12 @@ fn is_usage(cause: &(dyn Error + 'static)) -> bool {
 /// Replays that were asked for with the wrong words.
 fn is_run_usage(error: &RunError) -> bool {
     match error {
-        RunError::Range { .. } | RunError::NotARun(_) | RunError::Unfinished(_) | RunError::NoInspection => true,
+        RunError::Range { .. } | RunError::NoInspection => true,
         RunError::SaveFrame { .. } | RunError::OtherState { .. } => true,
         RunError::Vocabulary(error) => matches!(error, VocabularyFileError::Digest { .. }),
         // Transparent errors are not links of the chain of their own.
         RunError::Config(_) => true,
-        RunError::Output(error) => matches!(error, OutputError::Exists { .. }),
+        RunError::Output(error) => !matches!(error, OutputError::Io { .. }),
         _ => false,
     }
 }

@@ -362,11 +362,21 @@ impl LogWriter {
     /// # Errors
     /// The file system refuses; the `.partial` file then stays for `recover`.
     pub fn finish(self) -> Result<u64, WriteError> {
+        self.finish_if(|_| Ok(()))
+    }
+
+    /// The same for a log that gets its name, and takes an older one's place, only if `check` of the whole file, still under
+    /// its other name, has nothing to say against it.
+    ///
+    /// # Errors
+    /// The file system refuses, or what `check` says; the `.partial` file then stays.
+    pub(crate) fn finish_if<E: From<WriteError>>(self, check: impl FnOnce(&Path) -> Result<(), E>) -> Result<u64, E> {
         let Self { mut writer, target, path, partial, .. } = self;
         let io_error = |source| WriteError::Io { path: partial.clone(), source };
         writer.finish().map_err(|source| WriteError::Container { path: partial.clone(), source })?;
         writer.into_inner().into_inner().flush().map_err(io_error)?;
         let bytes = target.close().map_err(io_error)?;
+        check(&partial)?;
         fs::rename(&partial, &path).map_err(io_error)?;
         Ok(bytes)
     }

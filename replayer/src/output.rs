@@ -14,7 +14,7 @@ pub enum OutputError {
         path: PathBuf,
     },
     /// A folder that nobody wants replaced by mistake.
-    #[error("{} has no {marker}, so it is not a folder that this command wrote: remove it yourself", .path.display())]
+    #[error("{} has no {marker}, so this command did not write it: it is not replaced, not even with --force", .path.display())]
     NotOurs {
         /// The folder in the way.
         path: PathBuf,
@@ -67,7 +67,8 @@ pub struct OutputFolder {
 }
 
 impl OutputFolder {
-    /// Starts a folder that will stand at `target`. With `force` it replaces an older one, if that holds the file `marker`.
+    /// Starts a folder that will stand at `target`. With `force` it replaces an empty folder, or an older one that holds the
+    /// file `marker`.
     ///
     /// # Errors
     /// Something stands there, or the system refuses.
@@ -76,7 +77,8 @@ impl OutputFolder {
             if !force {
                 return Err(OutputError::Exists { path: target.to_owned() });
             }
-            if !target.join(marker).is_file() {
+            let entries = || fs::read_dir(target).map_err(|source| OutputError::Io { path: target.to_owned(), source });
+            if !target.join(marker).is_file() && entries()?.next().is_some() {
                 return Err(OutputError::NotOurs { path: target.to_owned(), marker });
             }
         }
@@ -167,7 +169,9 @@ mod tests {
         assert!(!target.exists());
         drop(folder);
         assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0, "given up without a trace");
-        let folder = begin(false).unwrap();
+        fs::create_dir(&target).unwrap();
+        assert!(matches!(begin(false), Err(OutputError::Exists { .. })));
+        let folder = begin(true).unwrap();
         folder.write("a/b.txt", b"1").unwrap();
         folder.finish().unwrap();
         assert!(matches!(begin(false), Err(OutputError::Exists { .. })));

@@ -9,6 +9,7 @@ use std::sync::OnceLock;
 use fixtures::{RenderedFrame, World, WorldConfig, scenario};
 use recorder::picture::encode_rgb8;
 use recorder::{LayerSpec, LogOptions, Mask, RgbdLog, RgbdSpec};
+use replayer::OutputError;
 use replayer::run::records::{Block, RecordError, RecordReader, RecordWriter};
 use replayer::run::{
     CONFIG_TOML, RECORDS_BIN, RUN_JSON, ReplayOptions, RunError, RunSummary, TRAJECTORY_ONLINE_TXT, TRAJECTORY_TXT,
@@ -370,11 +371,11 @@ fn nothing_is_overwritten_by_accident() {
     let precious = dir.path().join("precious");
     fs::create_dir(&precious).unwrap();
     fs::write(precious.join("thesis.tex"), "years of work").unwrap();
-    assert!(matches!(go(&precious, true), Err(RunError::NotARun(_))));
+    assert!(matches!(go(&precious, true), Err(RunError::Output(OutputError::NotOurs { .. }))));
     assert_eq!(fs::read_to_string(precious.join("thesis.tex")).unwrap(), "years of work");
 
     fs::create_dir(dir.path().join("next.partial")).unwrap();
-    assert!(matches!(go(&dir.path().join("next"), false), Err(RunError::Unfinished(_))));
+    assert!(matches!(go(&dir.path().join("next"), false), Err(RunError::Output(OutputError::Unfinished { .. }))));
     go(&dir.path().join("next"), true).unwrap();
     let mut names: Vec<_> = fs::read_dir(dir.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     names.sort();

@@ -3,7 +3,7 @@
 use super::models::Labeller;
 use crate::progress::{self, Progress};
 use crate::{Outcome, Usage, stdout};
-use recorder::annotate::{AnnotateOptions, Annotated, annotate, is_annotated};
+use recorder::annotate::{AnnotateError, AnnotateOptions, Annotated, annotate, is_annotated};
 use recorder::{LayerSpec, LogOptions};
 use replayer::stopwatch::{Stopwatch, cpu_seconds};
 use serde::Serialize;
@@ -44,8 +44,10 @@ pub struct Annotate {
 struct Done {
     log: PathBuf,
     out: PathBuf,
-    /// None: an earlier run had made exactly this.
+    /// None: an earlier run had made exactly this, or it failed.
     annotated: Option<Annotated>,
+    /// Why there is no new log.
+    error: Option<String>,
     /// Wall clock.
     seconds: f64,
     pictures_per_second: f64,
@@ -80,29 +82,44 @@ impl Annotate {
         if into_folder {
             std::fs::create_dir_all(&self.out)?;
         }
-        let mut done = Vec::new();
-        for log in &self.logs {
-            let out = self.target(log, into_folder)?;
-            let skipped = !self.force && is_annotated(log, &out, &options)?;
+        let outs = self.logs.iter().map(|log| self.target(log, into_folder)).collect::<Result<Vec<_>, _>>()?;
+        let (mut done, mut failures) = (Vec::new(), Vec::new());
+        for (log, out) in self.logs.iter().zip(outs) {
             let (watch, cpu) = (Stopwatch::start(), cpu_seconds());
-            let annotated = if skipped {
-                None
-            } else {
+            let one = || -> Result<Option<Annotated>, AnnotateError> {
+                if !self.force && is_annotated(log, &out, &options)? {
+                    return Ok(None);
+                }
                 let bar = progress.bar("annotate");
                 let mut tell = |done: usize, all: usize| progress::update(&bar, done, all);
-                let annotated = annotate(log, &out, &options, &|| source.segmenter(), &mut tell)?;
+                let annotated = annotate(log, &out, &options, &|| source.segmenter(), &mut tell);
                 bar.finish_and_clear();
-                Some(annotated)
+                annotated.map(Some)
             };
+            // One bad log keeps no other from being labelled.
+            let (annotated, failure) = match one() {
+                Ok(annotated) => (annotated, None),
+                Err(error) => (None, Some(error)),
+            };
+            let error = failure.as_ref().map(AnnotateError::to_string);
+            failures.extend(failure.map(anyhow::Error::from));
             let seconds = watch.elapsed().as_secs_f64();
             let pictures = annotated.as_ref().map_or(0, |a| a.pictures - a.resumed) as f64;
             let cpu = cpu.zip(cpu_seconds()).filter(|_| pictures > 0.0).map(|(a, b)| (b - a) * 1e3 / pictures);
             let pictures_per_second = pictures / seconds;
-            done.push(Done { log: log.clone(), out, annotated, seconds, pictures_per_second, cpu_ms_per_picture: cpu });
+            let (log, cpu_ms_per_picture) = (log.clone(), cpu);
+            done.push(Done { log, out, annotated, error, seconds, pictures_per_second, cpu_ms_per_picture });
         }
         let report = Report { labeller: options.layer.origin, threads: threads.get(), logs: done };
-        stdout::either(self.json, "annotate/1", &report)?;
-        Ok(Outcome::Good)
+        let (failed, all) = (failures.len(), report.logs.len());
+        match failures.into_iter().next() {
+            Some(error) if all == 1 => Err(error),
+            first => {
+                stdout::either(self.json, "annotate/1", &report)?;
+                let Some(error) = first else { return Ok(Outcome::Good) };
+                Err(error.context(format!("{failed} of {all} logs were not annotated; the others are")))
+            }
+        }
     }
 
     fn target(&self, log: &Path, into_folder: bool) -> Result<PathBuf, Usage> {
@@ -118,6 +135,10 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "labels by {}", self.labeller)?;
         for done in &self.logs {
+            if let Some(error) = &done.error {
+                writeln!(f, "{}: FAILED: {error}", done.log.display())?;
+                continue;
+            }
             let Some(a) = &done.annotated else {
                 writeln!(f, "{}: done by an earlier run", done.out.display())?;
                 continue;

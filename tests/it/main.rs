@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod annotate;
 mod cli;
 mod dark;
 mod data;
@@ -12,6 +13,7 @@ mod kidnapped;
 mod layers;
 mod record;
 mod record_faults;
+mod record_share;
 mod repo_lint;
 mod report;
 mod share;

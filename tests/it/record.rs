@@ -123,7 +123,7 @@ fn a_file_that_may_not_grow_ends_the_recording_cleanly() {
 }
 
 /// A simulated Vicon on this port (0: any free one), and its address.
-fn start_sim(port: u16) -> (Child, String) {
+pub fn start_sim(port: u16) -> (Child, String) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_pslam"));
     command.args(["sim", "vicon", "synthetic:tiny", "--subject", "quad", "--loop"]);
     command.args(["--listen", &format!("127.0.0.1:{port}")]);

@@ -148,6 +148,8 @@ pub fn annotate(
     let arguments = BTreeMap::from([("layer".to_owned(), serde_json::Value::from(options.layer.name.as_str()))]);
     let mut edit = EditOptions::new("annotate", arguments);
     edit.log = options.log.clone();
+    // What an earlier run had labelled it may also have begun to write: its half is replaced.
+    edit.log.force |= labelled.resumed > 0;
     let mut insert = Insert::new(layer, record, journal.reader()?);
     let edit = rewrite(log, out, &edit, &mut insert, &mut |_, _| {})?;
     journal.remove()?;

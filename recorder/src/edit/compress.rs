@@ -1,6 +1,7 @@
 //! The same log with its chunks packed otherwise, and the proof that it is the same.
 
-use super::{Edit, EditError, EditOptions, EditSummary, Item, Source, rewrite};
+use super::rewrite::rewrite_checked;
+use super::{Edit, EditError, EditOptions, EditSummary, Item, Source};
 use schemas::metadata;
 use serde::Serialize;
 use std::fmt;
@@ -47,7 +48,8 @@ pub struct Compress {
 /// all, of the first pass.
 ///
 /// # Errors
-/// As [`rewrite`]; a result that holds something else, which is removed.
+/// As [`super::rewrite()`]; a result that holds something else, which is thrown away: it never gets its name, and what stands
+/// there stays.
 pub fn compress(
     source: &Path,
     out: &Path,
@@ -59,29 +61,34 @@ pub fn compress(
     if let Level::Zstd(level) = level {
         options.log.compression_level = level.into();
     }
-    let summary = rewrite(source, out, &options, &mut Same, progress)?;
-    if summary.out.is_none() {
-        return Ok(Compress { summary, proof: None });
-    }
-    let proof = Some(prove(source, out)?);
+    repack(source, out, &options, &mut Same, progress)
+}
+
+fn repack(
+    source: &Path,
+    out: &Path,
+    options: &EditOptions,
+    edit: &mut dyn Edit,
+    progress: &mut dyn FnMut(u64, u64),
+) -> Result<Compress, EditError> {
+    let mut proof = None;
+    let mut check = |new: &Path| {
+        proof = Some(prove(source, new)?);
+        Ok(())
+    };
+    let summary = rewrite_checked(source, out, options, edit, progress, &mut check)?;
     Ok(Compress { summary, proof })
 }
 
-/// What both logs hold. A result that cannot be read or holds something else is removed: nobody shall take it for the log.
-fn prove(source: &Path, out: &Path) -> Result<Compressed, EditError> {
+/// What both logs hold.
+fn prove(source: &Path, new: &Path) -> Result<Compressed, EditError> {
     let before = content(source)?;
-    let after = content(out);
-    let what = match &after {
-        Ok(after) if before == *after => return Ok(before),
+    let what = match content(new) {
+        Ok(after) if before == after => return Ok(before),
         Ok(after) => format!("{after} instead of {before}"),
         Err(error) => error.to_string(),
     };
-    let removed = match std::fs::remove_file(out) {
-        Ok(()) => "it was removed",
-        Err(_) => "it could not be removed: do not use it",
-    };
-    let (out, source_log) = (out.to_owned(), source.to_owned());
-    Err(EditError::Differs { out, source_log, what, removed })
+    Err(EditError::Differs { source_log: source.to_owned(), what })
 }
 
 /// Reads a log whole for what it holds.
@@ -152,10 +159,12 @@ impl fmt::Display for Compress {
 
 #[cfg(test)]
 mod tests {
+    use super::super::{Output, RawMessage};
     use super::*;
     use crate::{LogOptions, LogWriter};
     use schemas::Stamp;
     use schemas::msg::{Header, PoseStamped};
+    use std::collections::BTreeMap;
 
     fn log(path: &Path, poses: i64) {
         let mut log = LogWriter::create(path, &LogOptions::default()).unwrap();
@@ -167,19 +176,41 @@ mod tests {
         log.finish().unwrap();
     }
 
+    /// Leaves a message out, as no packing may.
+    struct Lossy(u32);
+
+    impl Edit for Lossy {
+        fn message(&mut self, message: &RawMessage<'_>, out: &mut Output) -> Result<(), EditError> {
+            self.0 += 1;
+            if self.0 == 2 { Ok(()) } else { out.keep(message) }
+        }
+    }
+
     #[test]
-    fn a_result_that_differs_is_removed_and_told() {
+    fn a_result_that_differs_is_thrown_away_and_what_stands_there_stays() {
         let folder = tempfile::tempdir().unwrap();
-        let [source, same, less, cut] = ["a", "b", "c", "d"].map(|name| folder.path().join(format!("{name}.mcap")));
-        [(&source, 3), (&same, 3), (&less, 2), (&cut, 3)].into_iter().for_each(|(path, poses)| log(path, poses));
+        let [source, old] = ["a", "b"].map(|name| folder.path().join(format!("{name}.mcap")));
+        log(&source, 3);
+        log(&old, 7);
+        let bytes = std::fs::read(&old).unwrap();
+        let mut options = EditOptions::new("compress", BTreeMap::new());
+        options.log.force = true;
+        let error = repack(&source, &old, &options, &mut Lossy(0), &mut |_, _| {}).unwrap_err();
+        assert!(matches!(error, EditError::Differs { .. }) && error.to_string().contains("2 messages"), "{error}");
+        assert_eq!(std::fs::read(&old).unwrap(), bytes);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "no unfinished file is left");
+        let done = repack(&source, &old, &options, &mut Same, &mut |_, _| {}).unwrap();
+        assert_eq!((done.proof.unwrap().messages, content(&old).unwrap().messages), (3, 3));
+    }
+
+    #[test]
+    fn a_result_that_cannot_be_read_proves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let [source, cut] = ["a", "b"].map(|name| folder.path().join(format!("{name}.mcap")));
+        [&source, &cut].into_iter().for_each(|path| log(path, 3));
+        assert_eq!(prove(&source, &cut).unwrap().messages, 3);
         let bytes = std::fs::read(&cut).unwrap();
         std::fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
-        assert_eq!(prove(&source, &same).unwrap().messages, 3);
-        for wrong in [&less, &cut] {
-            let text = prove(&source, wrong).unwrap_err().to_string();
-            assert!(text.contains("does not hold what") && text.ends_with("it was removed"), "{text}");
-            assert!(!wrong.exists());
-        }
-        assert!(source.exists() && same.exists());
+        assert!(matches!(prove(&source, &cut), Err(EditError::Differs { .. })));
     }
 }

@@ -44,7 +44,7 @@ pub fn merge(
     let mut opened = sources.iter().map(|path| Source::open(path)).collect::<Result<Vec<_>, _>>()?;
     let mut output = Output::create(out, sources, &EditOptions { renumber: true, ..options.clone() })?;
     match Merge::new(opened.len(), layers).run(&mut opened, &mut output, progress) {
-        Ok(()) => output.finish(&opened),
+        Ok(()) => output.finish(&opened, &mut |_| Ok(())),
         Err(error) => {
             output.discard();
             Err(error)

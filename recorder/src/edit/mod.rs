@@ -88,16 +88,12 @@ pub enum EditError {
     #[error("{0}")]
     Refused(String),
     /// The result is not what it should be: a bug of this program. The source still stands.
-    #[error("{} does not hold what {} holds: {what}; {removed}", out.display(), source_log.display())]
+    #[error("the new log does not hold what {} holds: {what}; it was thrown away", source_log.display())]
     Differs {
-        /// The new log.
-        out: PathBuf,
         /// What it was made from.
         source_log: PathBuf,
         /// What differs.
         what: String,
-        /// What became of the new log.
-        removed: &'static str,
     },
     /// The result cannot be written.
     #[error("{0}")]

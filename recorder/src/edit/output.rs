@@ -34,6 +34,9 @@ impl EditOptions {
     }
 }
 
+/// Looks at a log that is written but has no name yet, and so has replaced nothing.
+pub(super) type Check<'c> = &'c mut dyn FnMut(&Path) -> Result<(), EditError>;
+
 /// A channel of a source that is in the result.
 #[derive(Debug, Clone)]
 struct Open {
@@ -227,8 +230,9 @@ impl Output {
         self.summary.topics.entry(topic.to_owned()).or_default()
     }
 
-    /// Writes the record of what was done and closes the log.
-    pub(super) fn finish(mut self, sources: &[Source]) -> Result<EditSummary, EditError> {
+    /// Writes the record of what was done and closes the log, which gets its name only if `check` of the whole file has
+    /// nothing to say against it.
+    pub(super) fn finish(mut self, sources: &[Source], check: Check<'_>) -> Result<EditSummary, EditError> {
         let file = |source: &Source| SourceFile {
             file: source.path().to_owned(),
             bytes: source.file_bytes(),
@@ -240,7 +244,7 @@ impl Output {
         if let Some(log) = self.log {
             let partial = log.partial().to_owned();
             // Half a copy is of no use: the sources still stand.
-            let finished = log.finish().inspect_err(|_| drop(fs::remove_file(partial)));
+            let finished = log.finish_if(check).inspect_err(|_| drop(fs::remove_file(partial)));
             (self.summary.out_bytes, self.summary.out) = (finished?, Some(self.out));
         }
         Ok(self.summary)

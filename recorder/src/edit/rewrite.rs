@@ -1,7 +1,7 @@
 //! One source through one edit.
 
 use super::EditError;
-use super::output::{EditOptions, Output};
+use super::output::{Check, EditOptions, Output};
 use super::source::{Channel, Item, RawMessage, Source};
 use super::summary::EditSummary;
 use mcap::Attachment;
@@ -63,10 +63,22 @@ pub fn rewrite(
     edit: &mut dyn Edit,
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<EditSummary, EditError> {
+    rewrite_checked(source, out, options, edit, progress, &mut |_| Ok(()))
+}
+
+/// As [`rewrite`]; `check` looks at the new log before it gets its name.
+pub(super) fn rewrite_checked(
+    source: &Path,
+    out: &Path,
+    options: &EditOptions,
+    edit: &mut dyn Edit,
+    progress: &mut dyn FnMut(u64, u64),
+    check: Check<'_>,
+) -> Result<EditSummary, EditError> {
     let mut source = Source::open(source)?;
     let mut output = Output::create(out, &[source.path()], options)?;
     match pass(&mut source, &mut output, edit, progress) {
-        Ok(()) => output.finish(&[source]),
+        Ok(()) => output.finish(&[source], check),
         Err(error) => {
             output.discard();
             Err(error)

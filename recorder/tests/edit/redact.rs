@@ -47,7 +47,10 @@ fn write_log(path: &Path, seen: Seen<'_>, extra: &mut dyn FnMut(&mut RgbdLog)) {
         log.color(at, format::PNG, &encode_color(&pixels).unwrap()).unwrap();
         log.depth(at, &all.clone().map(|p| if person(p) { 5000 } else { 9000 }).collect::<Vec<_>>()).unwrap();
         let Some(seen) = seen(frame) else { continue };
-        let class: Vec<u16> = all.clone().map(|p| if seen && person(p) { 1 } else { 2 }).collect();
+        // Nobody claims the upper right corner.
+        let is_unknown = |p: usize| p % SIZE.0 >= 88 && p / SIZE.0 < 8;
+        let label = |p: usize| if seen && person(p) { 1 } else { 2 * u16::from(!is_unknown(p)) };
+        let class: Vec<u16> = all.clone().map(label).collect();
         let segment = |id, area| Segment { id, category_id: id, score: 0.9, area, ..Segment::default() };
         let segments = if seen { vec![segment(1, 240), segment(2, 1)] } else { vec![segment(2, 1)] };
         log.mask(0, at, &Mask { instance: class.clone(), class, segments }).unwrap();
@@ -104,6 +107,28 @@ fn nothing_of_a_person_is_left_and_nothing_else_changes() {
         }
         std::fs::remove_file(&b).unwrap();
     }
+}
+
+#[test]
+fn what_no_class_claims_goes_with_the_people_unless_it_is_to_stay() {
+    let folder = tempfile::tempdir().unwrap();
+    let [a, b, c] = ["a", "b", "c"].map(|name| folder.path().join(name));
+    // The person is missed in a frame, which gets twice the margin.
+    write_log(&a, &|frame| Some(frame != 9), &mut |_| {});
+    let report = redacted(&a, &b, &RedactOptions { cover_unknown: true, ..options(false) }).unwrap();
+    let kept = redacted(&a, &c, &options(false)).unwrap();
+    let (hidden, shown) = (pictures(&b), pictures(&c));
+    for frame in 0..FRAMES {
+        for pixel in (0..SIZE.0 * SIZE.1).filter(|p| p % SIZE.0 >= 88 && p / SIZE.0 < 8) {
+            assert_eq!(hidden[frame].1[pixel], 0, "frame {frame} pixel {pixel}");
+            assert_eq!(shown[frame].1[pixel], 9000, "frame {frame} pixel {pixel}");
+        }
+        // 8 x 8 pixels and one square of 4 around them, inside the picture.
+        assert_eq!(report.redacted.pixels[frame] - kept.redacted.pixels[frame], 12 * 12, "frame {frame}");
+    }
+    assert!(kept.redacted.pixels[9] > kept.redacted.pixels[8] + 500, "{:?}", kept.redacted.pixels);
+    let asked = |report: &RedactReport| report.options["unknown"].clone();
+    assert_eq!((asked(&report), asked(&kept)), ("cover".to_owned(), "keep".to_owned()));
 }
 
 #[test]

@@ -58,12 +58,6 @@ pub enum RunError {
         /// Frames in the log.
         frames: usize,
     },
-    /// Replacing was asked for, but what stands there was not made by a replay.
-    #[error("{} is no run (it has no run.json): it is not replaced, not even with --force", .0.display())]
-    NotARun(PathBuf),
-    /// What an interrupted replay left is in the way.
-    #[error("{} was left by an interrupted replay: remove it or pass --force", .0.display())]
-    Unfinished(PathBuf),
     /// `run.json` is not what a replay writes.
     #[error("{}: {reason}", path.display())]
     Manifest {

@@ -13,24 +13,24 @@ mod enabled {
     use schemas::metadata;
     use schemas::msg::{encoding, format};
 
+    use crate::OutputFolder;
     use crate::eval::Trajectory;
     use crate::inspect::{ColorPicture, ImageCodec, Inspector};
     use crate::run::RunError;
     use crate::run::drive::Stepped;
-    use crate::run::folder::RunFolder;
     use crate::run::source::Source;
 
     /// Writes the inspection file, if it is wanted.
     pub(in crate::run) struct Inspection(Option<Inspector>);
 
     impl Inspection {
-        pub fn create(wanted: bool, folder: &RunFolder, source: &Source) -> Result<Self, RunError> {
+        pub fn create(wanted: bool, folder: &OutputFolder, source: &Source) -> Result<Self, RunError> {
             if !wanted {
                 return Ok(Self(None));
             }
             let name = source.log.metadata().get(metadata::SOURCE).and_then(|record| record.get("name"));
             let name = name.map_or("log", String::as_str);
-            let path = folder.file(super::INSPECTION_RRD);
+            let path = folder.path(super::INSPECTION_RRD);
             Ok(Self(Some(Inspector::create(&path, name, &source.setup, false)?)))
         }
 
@@ -59,17 +59,17 @@ mod enabled {
 
 #[cfg(not(feature = "rerun"))]
 mod disabled {
+    use crate::OutputFolder;
     use crate::eval::Trajectory;
     use crate::run::RunError;
     use crate::run::drive::Stepped;
-    use crate::run::folder::RunFolder;
     use crate::run::source::Source;
 
     /// Refuses to write an inspection file.
     pub(in crate::run) struct Inspection;
 
     impl Inspection {
-        pub fn create(wanted: bool, _: &RunFolder, _: &Source) -> Result<Self, RunError> {
+        pub fn create(wanted: bool, _: &OutputFolder, _: &Source) -> Result<Self, RunError> {
             if wanted { Err(RunError::NoInspection) } else { Ok(Self) }
         }
 

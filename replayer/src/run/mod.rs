@@ -28,7 +28,6 @@ mod diff;
 mod drive;
 mod error;
 mod estimate;
-mod folder;
 mod inspection;
 pub mod records;
 mod retrace;
@@ -57,9 +56,8 @@ pub use timing::{StageTime, Timing};
 pub use verify::{VerifyReport, verify};
 pub use workers::Unrest;
 
-use crate::{OutputError, write_file};
+use crate::{OutputError, OutputFolder, write_file};
 use drive::{Stops, drive};
-use folder::RunFolder;
 use inspection::Inspection;
 use records::{Block, RecordFile};
 use source::Source;
@@ -135,12 +133,12 @@ pub fn replay(
     options: &ReplayOptions,
     progress: Progress<'_>,
 ) -> Result<RunSummary, RunError> {
-    let folder = RunFolder::create(out_dir, options.force)?;
+    let folder = OutputFolder::create(out_dir, RUN_JSON, options.force)?;
     let source = Source::open(log, options)?;
     let save_before = save_before(options, &source.range)?;
     let mut inspection = Inspection::create(options.rrd, &folder, &source)?;
     let header = source.header();
-    let mut records = RecordFile::create(folder.file(RECORDS_BIN), &header)?;
+    let mut records = RecordFile::create(folder.path(RECORDS_BIN), &header)?;
     let mut load = |path: &PathBuf| -> Result<_, RunError> {
         let saved = state::load(path, &header, &mut |entry| records.block(&Block::Frame(entry)))?;
         Ok((path.clone(), saved))
@@ -172,7 +170,7 @@ pub fn replay(
         config_name: options.config_name.clone(),
         timing: outcome.timing,
     };
-    let text = |name: &str, text: &str| write_file(&folder.file(name), text.as_bytes(), false);
+    let text = |name: &str, text: &str| write_file(&folder.path(name), text.as_bytes(), false);
     text(TRAJECTORY_TXT, &outcome.trajectory.to_tum())?;
     text(TRAJECTORY_ONLINE_TXT, &outcome.online.to_tum())?;
     text(CONFIG_TOML, &summary.header.config)?;

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{NO_REGION, PanopticFilter, Region, RegionKind, Regions, Track};
+use super::{FrameFilter, NO_REGION, PanopticFilter, Region, RegionKind, Regions, Track};
 use crate::config::{MotionConfig, Rule};
 use crate::context::Context;
 use crate::report::RegionState;
@@ -12,6 +12,9 @@ const HEAT_FRAMES: u8 = 5;
 /// Frames for which a place is remembered as confirmed static: real networks drop a segment for some frames.
 const CALM_FRAMES: u8 = 10;
 
+/// Frames for which a place without depth is remembered as background when its label goes: nothing else tells.
+pub(super) const GROUND_FRAMES: u8 = 30;
+
 /// What a cell of the picture was a moment ago.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct CellMemory {
@@ -19,13 +22,16 @@ pub struct CellMemory {
     pub heat: u8,
     /// Frames until it is forgotten that a confirmed static region was here.
     pub calm: u8,
+    /// Frames until it is forgotten that background was here, by its label or by its place.
+    pub ground: u8,
 }
 
 impl PanopticFilter {
     /// Gives each region its track: the overlapping one of the last frame with the best intersection over union of
     /// masks, one to one, of the same kind and category; under the geometric rule what is left may change its label (a
-    /// mover is often mislabelled for some frames). The rest starts new tracks.
-    pub(super) fn associate(&mut self, ctx: &Context, regions: &Regions) -> Vec<Track> {
+    /// mover is often mislabelled for some frames). The rest starts new tracks. Cells of `ground` count for nothing.
+    pub(super) fn associate(&mut self, ctx: &Context, regions: &Regions, ground: &[bool]) -> Vec<Track> {
+        let regions = &regions.without(ground);
         let mut tracks: Vec<Option<Track>> = vec![None; regions.list.len()];
         if let Some(last) = &self.last
             && last.regions.cell.len() == regions.cell.len()
@@ -67,20 +73,28 @@ impl PanopticFilter {
     }
 
     /// What each cell is remembered for after this frame's states.
-    pub(super) fn remembered(&self, ctx: &Context, regions: &Regions, tracks: &[Track]) -> Vec<CellMemory> {
+    pub(super) fn remembered(&self, ctx: &Context, frame: &FrameFilter) -> Vec<CellMemory> {
+        let regions = &frame.regions;
         let before = self.last.as_ref().filter(|last| last.memory.len() == regions.cell.len());
         let filters = &ctx.config.panoptic;
         let cell_memory = |(cell, region): (usize, &u16)| {
             let old = before.map_or(CellMemory::default(), |last| last.memory[cell]);
-            let faded = CellMemory { heat: old.heat.saturating_sub(1), calm: old.calm.saturating_sub(1) };
-            let Some(track) = tracks.get(usize::from(*region)) else { return faded };
+            let (heat, calm) = (old.heat.saturating_sub(1), old.calm.saturating_sub(1));
+            let faded = CellMemory { heat, calm, ground: old.ground.saturating_sub(1) };
+            let track = frame.tracks.get(usize::from(*region)).filter(|_| !frame.ground[cell]);
+            let Some(track) = track else {
+                let heat = if frame.ground[cell] { 0 } else { heat };
+                let is_blind = regions.list.get(usize::from(*region)).is_some_and(|region| region.blind);
+                let ground = if is_blind || heat > 0 { faded.ground } else { GROUND_FRAMES };
+                return CellMemory { heat, ground, ..faded };
+            };
             let judged = match regions.list[usize::from(*region)].kind {
                 RegionKind::Unknown => filters.unknown,
                 _ => filters.things,
             };
             match track.state {
-                RegionState::Person if filters.people => CellMemory { heat: HEAT_FRAMES, calm: 0 },
-                RegionState::Dynamic if judged => CellMemory { heat: HEAT_FRAMES, calm: 0 },
+                RegionState::Person if filters.people => CellMemory { heat: HEAT_FRAMES, ..CellMemory::default() },
+                RegionState::Dynamic if judged => CellMemory { heat: HEAT_FRAMES, ..CellMemory::default() },
                 RegionState::Static => CellMemory { calm: CALM_FRAMES, ..faded },
                 _ => faded,
             }
@@ -102,6 +116,9 @@ fn ranked_pairs(ctx: &Context, last: &Regions, regions: &Regions) -> Vec<(usize,
     for (i, both) in shared.into_iter().enumerate().filter(|(_, n)| *n > 0) {
         let (a, b) = (&last.list[i / columns], &regions.list[i % columns]);
         let iou = f64::from(both) / f64::from(a.cells + b.cells - both);
+        if a.blind != b.blind {
+            continue;
+        }
         let same = a.kind == b.kind && a.category == b.category;
         let people = a.kind == RegionKind::Person || b.kind == RegionKind::Person;
         let may_change = ctx.config.panoptic.rule == Rule::Geometric && !people;
@@ -120,7 +137,7 @@ fn first_state(ctx: &Context, region: &Region, covered: [u32; 2]) -> RegionState
     let [was_static, moved] = covered;
     if region.kind == RegionKind::Person {
         RegionState::Person
-    } else if ctx.config.panoptic.rule == Rule::Paper {
+    } else if ctx.config.panoptic.rule == Rule::Paper || region.blind {
         RegionState::New
     } else if moved * 4 >= region.cells && moved > 0 {
         RegionState::Dynamic

@@ -6,7 +6,7 @@ use slam_math::{FrameId, Se3, float};
 use slam_vision::nearest_two;
 
 use super::association::Vote;
-use super::{FrameFilter, NO_REGION, Remembered, rays};
+use super::{FrameFilter, NO_REGION, RegionKind, Remembered, ground, rays};
 use crate::config::MotionConfig;
 use crate::context::Context;
 use crate::input::{DepthImage, Sensor};
@@ -15,7 +15,7 @@ use crate::observation::{Observation, round_to_pixel};
 use crate::report::{KeypointClass, Verdict};
 
 /// Every second cell is sampled in both directions: a sample each 8 pixels.
-const SAMPLE_STRIDE: usize = 2;
+pub(super) const SAMPLE_STRIDE: usize = 2;
 /// Half side of the window in which an older depth is looked up, pixels: covers the error of pose and borders.
 const WINDOW: i64 = 2;
 /// Localisation noise of a keypoint at level 0, pixels (0.3-1 px by slam-anatomy, section 12.2).
@@ -35,6 +35,8 @@ pub(super) struct Now<'a> {
     pub camera_from_world: &'a Se3,
     /// Median depth of the map points in sight, if any are.
     pub scene_depth: Option<f64>,
+    /// Older frames that are looked up for [`ground`] alone.
+    pub anchors: Vec<&'a Remembered>,
 }
 
 /// What was counted about one region against one older frame.
@@ -46,6 +48,8 @@ pub struct Count {
     pub free: u32,
     /// Samples where the older frame saw the same surface.
     pub consistent: u32,
+    /// Those of them that are [`ground`]: they say nothing about what else the label covers.
+    pub ground: u32,
     /// Keypoints found again.
     pub keypoints: u32,
     /// Keypoints found elsewhere than the static world would have them.
@@ -70,7 +74,7 @@ impl Evidence {
     /// Largest share of free-space samples over the compared frames.
     #[must_use]
     pub fn free_space_share(&self) -> f64 {
-        self.largest(|c| (c.free, c.samples))
+        self.largest(|c| (c.free, c.samples - c.ground))
     }
 
     /// Largest share of moved keypoints over the compared frames.
@@ -91,7 +95,8 @@ impl Evidence {
     /// keypoints are found again after so long, so without them it is the oldest frame with enough of those.
     pub(super) fn vote(&self, config: &MotionConfig, stuff: &Self, by_keypoints: bool) -> Vote {
         let in_free_space = |c: &Count| {
-            c.free >= config.min_samples && f64::from(c.free) >= config.free_space_share * f64::from(c.samples)
+            let others = f64::from(c.samples - c.ground);
+            c.free >= config.min_samples && f64::from(c.free) >= config.free_space_share * others
         };
         let moved = |(c, stuff): (&Count, &Count)| {
             c.moved >= config.min_moved && f64::from(c.moved) >= config.too_many_moved(c.keypoints, stuff.moved_share())
@@ -113,14 +118,16 @@ impl Evidence {
     }
 }
 
-/// Fills `frame.evidence` and `frame.motion_sigmas`.
+/// Fills `frame.evidence` and `frame.motion_sigmas`, and finds what is ground.
 pub(super) fn gather(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame: &mut FrameFilter) {
     for evidence in frame.evidence.iter_mut().chain([&mut frame.stuff]) {
         evidence.counts = vec![Count::default(); older.len()];
     }
+    ground::keep_blind(frame);
     if let Some(depth) = now.depth {
         count_samples(ctx, now, depth, older, frame);
     }
+    frame.keypoint_ground = ground::keypoints(ctx, now, older, frame);
     let world_from_camera = now.camera_from_world.inverse();
     let by_depth = ctx.sensor == Sensor::Rgbd;
     let mut nearby = Vec::new();
@@ -128,7 +135,7 @@ pub(super) fn gather(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame:
         let is_searched = match frame.class[i] {
             KeypointClass::Person => false,
             KeypointClass::Stuff => i.is_multiple_of(STUFF_STRIDE) && frame.verdict[i] == Verdict::Static,
-            KeypointClass::Thing | KeypointClass::Unknown => frame.region[i].is_some(),
+            KeypointClass::Thing | KeypointClass::Unknown => frame.region[i].is_some() && !frame.keypoint_ground[i],
         };
         if !is_searched {
             continue;
@@ -160,23 +167,34 @@ pub(super) fn gather(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame:
 
 fn count_samples(ctx: &Context, now: &Now<'_>, depth: &DepthImage, older: &[&Remembered], frame: &mut FrameFilter) {
     let world_from_camera = now.camera_from_world.inverse();
+    let mut seen = Vec::with_capacity(older.len());
     for row in (0..frame.regions.height).step_by(SAMPLE_STRIDE) {
         for column in (0..frame.regions.width).step_by(SAMPLE_STRIDE) {
             let cell = row * frame.regions.width + column;
             let region = frame.regions.cell[cell];
-            if region == NO_REGION {
+            if region == NO_REGION && !frame.block(cell).any(|cell| frame.is_in_doubt(cell)) {
                 continue;
             }
             let (x, y) = frame.regions.center(cell);
             let Some(z) = depth.metres(x, y).filter(|z| *z <= ctx.config.sensor.max_depth_m) else { continue };
             let pixel = ctx.camera.undistort([x as f64, y as f64]);
             let in_world = world_from_camera.transform(&ctx.camera.unproject(pixel, z));
-            for (age, then) in older.iter().enumerate() {
-                let count = &mut frame.evidence[usize::from(region)].counts[age];
-                match compare(ctx, then, &in_world) {
-                    Some(Seen::Farther) => (count.samples, count.free) = (count.samples + 1, count.free + 1),
-                    Some(Seen::Same) => (count.samples, count.consistent) = (count.samples + 1, count.consistent + 1),
-                    None => {}
+            seen.clear();
+            seen.extend(older.iter().map(|then| compare(ctx, then, &in_world)));
+            let kind = frame.regions.list.get(usize::from(region)).map(|region| region.kind);
+            let is_ground = kind != Some(RegionKind::Person) && ground::stood_at(ctx, now, &in_world, &seen);
+            if is_ground {
+                frame.mark_ground(cell);
+            }
+            let Some(evidence) = frame.evidence.get_mut(usize::from(region)) else { continue };
+            for (count, seen) in evidence.counts.iter_mut().zip(&seen) {
+                let Some(seen) = seen else { continue };
+                count.samples += 1;
+                match seen {
+                    Seen::Farther => count.free += 1,
+                    Seen::Same { .. } => {
+                        (count.consistent, count.ground) = (count.consistent + 1, count.ground + u32::from(is_ground));
+                    }
                 }
             }
         }
@@ -185,27 +203,33 @@ fn count_samples(ctx: &Context, now: &Now<'_>, depth: &DepthImage, older: &[&Rem
 
 /// What an older frame saw in the direction of a point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Seen {
+pub(super) enum Seen {
     /// Only farther surfaces: the point's place was free.
     Farther,
     /// A surface at the point.
-    Same,
+    Same {
+        /// It was background.
+        ground: bool,
+    },
 }
 
 /// Looks a point up in an older depth image. `None` when it was out of sight, hidden, or nothing was measured.
-fn compare(ctx: &Context, then: &Remembered, in_world: &Vector3<f64>) -> Option<Seen> {
+pub(super) fn compare(ctx: &Context, then: &Remembered, in_world: &Vector3<f64>) -> Option<Seen> {
     let depth = then.depth.as_deref()?;
     let (pixel, expected) = project(&ctx.camera, &then.camera_from_world, in_world)?;
     let raw = ctx.camera.distort(pixel);
     let (cx, cy) = (round_to_pixel(raw[0]), round_to_pixel(raw[1]));
     let m = &ctx.config.panoptic.motion;
+    if then.shows_ground(ctx, [cx, cy], expected) {
+        return Some(Seen::Same { ground: true });
+    }
     let margin = m.free_space_m + m.free_space_sigmas * ctx.depth_sigma(expected);
     let (mut measured, mut farther) = (0, 0);
     for y in cy - WINDOW..=cy + WINDOW {
         for x in cx - WINDOW..=cx + WINDOW {
             let Some(z) = depth.metres(x, y) else { continue };
             if (z - expected).abs() <= margin {
-                return Some(Seen::Same);
+                return Some(Seen::Same { ground: false });
             }
             measured += 1;
             farther += u32::from(z > expected);

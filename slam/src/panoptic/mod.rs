@@ -11,6 +11,7 @@
 mod association;
 mod epipolar;
 mod evidence;
+mod ground;
 mod rays;
 mod regions;
 mod verdict;
@@ -48,6 +49,8 @@ pub struct Remembered {
     pub class: Vec<KeypointClass>,
     /// Region track of each keypoint.
     pub track: Vec<Option<u32>>,
+    /// Cells that were background by their label, apart from movers.
+    pub ground: Vec<bool>,
 }
 
 /// A region followed over frames.
@@ -86,6 +89,10 @@ pub struct FrameFilter {
     pub evidence: Vec<Evidence>,
     /// The same counts for keypoints on Stuff: what false matches and a poor pose make of things that stand still.
     pub stuff: Evidence,
+    /// Cells of a region whose surface is background all the same: it was there a moment ago.
+    pub ground: Vec<bool>,
+    /// The same for keypoints.
+    pub keypoint_ground: Vec<bool>,
     /// What each cell is or was a moment ago.
     pub memory: Vec<CellMemory>,
     /// Two-view geometry with the last frame.
@@ -98,8 +105,7 @@ impl FrameFilter {
     /// What is known about the region at a pixel (as recorded); `None` on background and outside the picture.
     #[must_use]
     pub fn state_at(&self, raw_pixel: [f64; 2]) -> Option<RegionState> {
-        let region = self.regions.cell[self.regions.cell_at(raw_pixel)?];
-        self.tracks.get(usize::from(region)).map(|track| track.state)
+        self.state_of(self.regions.cell_at(raw_pixel)?)
     }
 
     /// Keypoints that tracking may use, and how they were chosen: static ones; if those are fewer than
@@ -124,6 +130,8 @@ impl FrameFilter {
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct PanopticFilter {
     history: VecDeque<Remembered>,
+    /// Single frames from before, in which it is looked up where background stood.
+    anchors: VecDeque<Remembered>,
     last: Option<LastRegions>,
     next_track: u32,
     /// Frames in a row without a pose, in which no motion could be judged.
@@ -143,9 +151,10 @@ impl PanopticFilter {
     #[must_use]
     pub fn label(&mut self, ctx: &Context, input: &FrameInput, obs: &Observation) -> FrameFilter {
         let regions = Regions::new(ctx, input);
-        let tracks = self.associate(ctx, &regions);
+        let before = self.last.as_ref().map_or(&[][..], |last| &last.memory);
+        let ground = ground::expected(ctx, before, &regions);
+        let tracks = self.associate(ctx, &regions, &ground);
         let (class, region) = verdict::classify(ctx, input, obs, &regions);
-        let memory = self.remembered(ctx, &regions, &tracks);
         let n = obs.len();
         let mut frame = FrameFilter {
             class,
@@ -156,10 +165,14 @@ impl PanopticFilter {
             stuff: Evidence::default(),
             regions,
             tracks,
-            memory,
+            ground,
+            keypoint_ground: vec![false; n],
+            memory: Vec::new(),
             epipolar: None,
             epipolar_px: vec![f64::NAN; n],
         };
+        frame.memory = self.remembered(ctx, &frame);
+        frame.keypoint_ground = (0..n).map(|i| frame.on_ground(obs.raw_pixel[i])).collect();
         if ctx.config.panoptic.rule == Rule::Paper
             && let Some(last) = self.history.back()
         {
@@ -183,8 +196,8 @@ impl PanopticFilter {
         if ctx.config.panoptic.rule == Rule::Paper {
             return;
         }
-        let now =
-            evidence::Now { id: input.id, depth: input.depth.as_deref(), obs, camera_from_world: pose, scene_depth };
+        let (depth, anchors) = (input.depth.as_deref(), self.anchors.iter().rev().collect());
+        let now = evidence::Now { id: input.id, depth, obs, camera_from_world: pose, scene_depth, anchors };
         if let Some(last) = self.history.back() {
             epipolar::from_motion(ctx, pose, last, obs, frame);
         }
@@ -197,7 +210,7 @@ impl PanopticFilter {
                 evidence.vote(&ctx.config.panoptic.motion, &frame.stuff, by_keypoints),
             );
         }
-        frame.memory = self.remembered(ctx, &frame.regions, &frame.tracks);
+        frame.memory = self.remembered(ctx, frame);
         verdict::decide(ctx, obs, frame);
         evidence::free_keypoints(ctx, &now, &older, frame);
     }
@@ -212,12 +225,13 @@ impl PanopticFilter {
         frame: &FrameFilter,
     ) {
         self.last = Some(LastRegions {
-            regions: frame.regions.clone(),
+            regions: frame.regions.without(&frame.ground),
             tracks: frame.tracks.clone(),
             memory: frame.memory.clone(),
         });
         let Some(pose) = pose else {
             self.history.clear();
+            self.anchors.clear();
             self.go_blind(ctx);
             return;
         };
@@ -230,7 +244,9 @@ impl PanopticFilter {
             obs: obs.clone(),
             class: frame.class.clone(),
             track,
+            ground: ground::labelled(frame),
         });
+        self.drop_anchor();
         let oldest = ctx.config.panoptic.motion.history_frames.iter().copied().max().unwrap_or(1) as usize;
         while self.history.len() > oldest {
             self.history.pop_front();
@@ -253,7 +269,7 @@ impl PanopticFilter {
 
     /// The world has got a new frame: moves the remembered poses into it.
     pub fn move_world(&mut self, new_from_old: &Sim3) {
-        for remembered in &mut self.history {
+        for remembered in self.history.iter_mut().chain(&mut self.anchors) {
             remembered.camera_from_world = moved_pose(&remembered.camera_from_world, new_from_old);
         }
     }

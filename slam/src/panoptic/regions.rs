@@ -32,6 +32,8 @@ pub struct Region {
     pub segment: u16,
     /// Category; 0 for unknown areas.
     pub category: u16,
+    /// An unknown area of a depth image without a single measurement: nothing can be seen to move there.
+    pub blind: bool,
     /// Cells it covers.
     pub cells: u32,
     /// First and last column, first and last row, in cells.
@@ -95,6 +97,7 @@ impl Regions {
                     kind,
                     segment: segment.id,
                     category: segment.category,
+                    blind: false,
                     cells: 0,
                     extent: [0; 4],
                 });
@@ -130,7 +133,9 @@ impl Regions {
                 continue;
             }
             let region = self.list.len() as u16;
-            self.list.push(Region { kind: RegionKind::Unknown, segment: 0, category: 0, cells: 0, extent: [0; 4] });
+            let blind = input.depth.is_some() && depth[start] == 0.0;
+            let kind = RegionKind::Unknown;
+            self.list.push(Region { kind, segment: 0, category: 0, blind, cells: 0, extent: [0; 4] });
             unknown[start] = false;
             queue.push_back(start);
             while let Some(cell) = queue.pop_front() {
@@ -145,6 +150,15 @@ impl Regions {
         }
     }
 
+    /// The regions without some cells.
+    #[must_use]
+    pub fn without(&self, cells: &[bool]) -> Self {
+        let mut rest = self.clone();
+        rest.cell.iter_mut().zip(cells).filter(|(_, without)| **without).for_each(|(cell, _)| *cell = NO_REGION);
+        rest.measure();
+        rest
+    }
+
     fn neighbours(&self, cell: usize) -> [Option<usize>; 4] {
         let (x, y) = (cell % self.width, cell / self.width);
         [
@@ -157,7 +171,7 @@ impl Regions {
 
     fn measure(&mut self) {
         for region in &mut self.list {
-            region.extent = [u16::MAX, 0, u16::MAX, 0];
+            (region.cells, region.extent) = (0, [u16::MAX, 0, u16::MAX, 0]);
         }
         for (cell, region) in self.cell.iter().enumerate().filter(|(_, r)| **r != NO_REGION) {
             let (x, y) = ((cell % self.width) as u16, (cell / self.width) as u16);

@@ -65,6 +65,9 @@ pub(super) fn decide(ctx: &Context, obs: &Observation, frame: &mut FrameFilter) 
 fn by_region(ctx: &Context, frame: &FrameFilter, i: usize) -> Verdict {
     let p = &ctx.config.panoptic;
     let state = frame.region[i].map_or(RegionState::New, |r| frame.tracks[r].state);
+    if frame.keypoint_ground[i] && frame.class[i] != KeypointClass::Person {
+        return Verdict::Static;
+    }
     match (frame.class[i], state) {
         (KeypointClass::Person, _) if p.people => Verdict::Person,
         (KeypointClass::Thing, RegionState::Dynamic) if p.things => Verdict::ThingDynamic,

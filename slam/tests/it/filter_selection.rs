@@ -18,6 +18,8 @@ fn frame(verdicts: &[(usize, Verdict)]) -> FrameFilter {
         tracks: Vec::new(),
         evidence: Vec::new(),
         stuff: Evidence::default(),
+        ground: Vec::new(),
+        keypoint_ground: vec![false; n],
         memory: Vec::new(),
         epipolar: None,
         epipolar_px: vec![f64::NAN; n],

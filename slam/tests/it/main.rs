@@ -6,6 +6,7 @@ mod config;
 mod corridor;
 mod filter;
 mod filter_selection;
+mod ground;
 mod jobs;
 mod joining;
 mod loops;

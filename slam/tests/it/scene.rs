@@ -65,6 +65,8 @@ pub struct Film {
     pub camera_m: [f64; 3],
     /// Without masks everything is background.
     pub with_mask: bool,
+    /// An object whose surface the depth sensor does not see.
+    pub unmeasured: Option<u32>,
 }
 
 /// One frame and what the filter said.
@@ -76,7 +78,7 @@ pub struct Shown {
 impl Film {
     pub fn new(config: &Config) -> Self {
         let filter = PanopticFilter::default();
-        Self { ctx: context(config), filter, next: 0, camera_m: [0.0; 3], with_mask: true }
+        Self { ctx: context(config), filter, next: 0, camera_m: [0.0; 3], with_mask: true, unmeasured: None }
     }
 
     /// A film by a camera without depth.
@@ -122,7 +124,8 @@ impl Film {
         let (mut units, mut ids) = (Vec::new(), Vec::new());
         for i in 0..WIDTH * HEIGHT {
             let (z, board) = self.look(boards, [(i % WIDTH) as f64, (i / WIDTH) as f64]);
-            units.push((z * 1000.0 + 0.5) as u16);
+            let measured = board.is_none_or(|b| self.unmeasured != Some(boards[b].object));
+            units.push(if measured { (z * 1000.0 + 0.5) as u16 } else { 0 });
             ids.push(board.map_or(100, |b| boards[b].label.map_or(0, |(id, _)| id)));
         }
         let mut segments: Vec<(u16, u16)> = boards.iter().filter_map(|b| b.label).collect();

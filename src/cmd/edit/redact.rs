@@ -18,9 +18,12 @@ pub struct Redact {
     /// Whom or what to take out; several times: all of them.
     #[arg(long, value_name = "NAME", default_value = panoptic::PERSON)]
     class: Vec<String>,
-    /// How far around them, pixels.
-    #[arg(long, value_name = "PX", default_value = "12", value_parser = clap::value_parser!(u16).range(0..=500))]
+    /// How far around them, pixels; twice as far where masks of other frames stand in.
+    #[arg(long, value_name = "PX", default_value = "64", value_parser = clap::value_parser!(u16).range(0..=500))]
     margin: u16,
+    /// What no class claims, in frames with somebody: redact it too, since nobody can tell who is there, or keep it.
+    #[arg(long, value_name = "WHAT", default_value = "keep")]
+    unknown: Unknown,
     /// Frames before and after whose masks count too: networks miss people now and then.
     #[arg(long, value_name = "FRAMES", default_value = "2", value_parser = clap::value_parser!(u16).range(0..=100))]
     neighbours: u16,
@@ -57,6 +60,13 @@ enum How {
     Blur,
 }
 
+/// What becomes of what no class claims.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Unknown {
+    Cover,
+    Keep,
+}
+
 /// What becomes of a doubtful frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Doubtful {
@@ -74,6 +84,7 @@ impl Redact {
         let asked = RedactOptions {
             classes: self.class.iter().cloned().collect(),
             margin_px: self.margin.into(),
+            cover_unknown: self.unknown == Unknown::Cover,
             neighbours: self.neighbours.into(),
             motion_px: self.motion.into(),
             bridge: self.bridge.into(),

@@ -7,8 +7,8 @@ use rten::{ModelOptions, NodeId, RunOptions, ThreadPool};
 use rten_tensor::prelude::*;
 use std::sync::Arc;
 
-/// The version in the workspace's manifest; the crate does not tell its own.
-const VERSION: &str = "0.27";
+/// The crate does not tell its own version; a test holds this one to `Cargo.lock`.
+const VERSION: &str = "0.27.0";
 
 pub fn info() -> RuntimeInfo {
     RuntimeInfo { name: "rten".to_owned(), version: VERSION.to_owned(), library: None }
@@ -54,5 +54,15 @@ impl Engine for Network {
             Tensor::new(tensor.shape().to_vec(), tensor.into_data()).ok_or_else(|| "an output is not dense".to_owned())
         };
         values.into_iter().map(tensor).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_version_that_stands_in_logs_is_the_one_that_runs() {
+        let lock = include_str!("../../../../Cargo.lock");
+        let entry = lock.split("[[package]]").find(|entry| entry.contains("\nname = \"rten\"\n")).unwrap();
+        assert!(entry.contains(&format!("\nversion = \"{}\"\n", super::VERSION)), "{entry}");
     }
 }

@@ -36,6 +36,32 @@ impl Area {
         area
     }
 
+    /// The squares of `side` pixels in which `is_inside` accepts a pixel; and those beside them, so that what is accepted is
+    /// covered with a margin of one side. Coarse, to be kept for each frame of a long log.
+    pub fn squares(pixels: &[u16], width: usize, side: usize, is_inside: &dyn Fn(u16) -> bool) -> Self {
+        let (columns, rows) = (width.div_ceil(side), pixels.len().div_ceil(width.max(1)).div_ceil(side));
+        let mut squares = vec![0; columns * rows];
+        for (index, _) in pixels.iter().enumerate().filter(|(_, value)| is_inside(**value)) {
+            let (x, y) = (index % width / side, index / width / side);
+            for row in y.saturating_sub(1)..=(y + 1).min(rows - 1) {
+                let first = row * columns + x.saturating_sub(1);
+                squares[first..=row * columns + (x + 1).min(columns - 1)].fill(1);
+            }
+        }
+        Self::new(&squares, columns, &|square| square == 1)
+    }
+
+    /// An area of squares, in pixels; what lies beyond a picture's border counts for nothing.
+    pub fn unfolded(&self, side: usize) -> Self {
+        let part = |run: &Run, row: usize| Run {
+            row: (usize::from(run.row) * side + row) as u16,
+            first: (usize::from(run.first) * side) as u16,
+            last: (usize::from(run.last) * side + side - 1) as u16,
+        };
+        let runs = self.runs.iter().flat_map(|run| (0..side).map(move |row| part(run, row))).collect();
+        Self { runs, pixels: self.pixels * side * side }
+    }
+
     /// Pixels in it.
     pub fn pixels(&self) -> usize {
         self.pixels
@@ -187,6 +213,22 @@ mod tests {
                     let wanted = near(&a, radius_a) || near(&b, radius_b);
                     assert_eq!(cover.has(y * size.0 + x), wanted, "{x} {y}, {radius_a} {radius_b}");
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn squares_cover_what_they_hold_and_one_more_around() {
+        let size = (23, 17);
+        let mut picture = vec![0; size.0 * size.1];
+        [(0, 0), (11, 8), (22, 16)].iter().for_each(|(x, y)| picture[y * size.0 + x] = 1);
+        let squares = Area::squares(&picture, size.0, 4, &|value| value == 1);
+        let cover = Cover::of(size, &[(squares.unfolded(4), 0)]);
+        for y in 0..size.1 {
+            for x in 0..size.0 {
+                let near = |(u, v): (usize, usize)| (x / 4).abs_diff(u / 4) <= 1 && (y / 4).abs_diff(v / 4) <= 1;
+                let wanted = [(0, 0), (11, 8), (22, 16)].into_iter().any(near);
+                assert_eq!(cover.has(y * size.0 + x), wanted, "{x} {y}");
             }
         }
     }

@@ -48,6 +48,8 @@ const AREA_DROP: f64 = 0.5;
 const LOW_SCORE: f32 = 0.5;
 /// Share of the people before that may be unknown now.
 const VOID_SHARE: f64 = 0.2;
+/// Side of the squares that unknown areas are kept in, pixels.
+const SQUARE_PX: usize = 4;
 /// People smaller than this share of the picture come and go behind things.
 const SMALL_SHARE: f64 = 0.003;
 
@@ -55,6 +57,8 @@ const SMALL_SHARE: f64 = 0.003;
 #[derive(Debug, Clone, Default)]
 struct Seen {
     people: Packed,
+    /// Squares with pixels that no class claims, and those beside them.
+    unknown: Packed,
     /// Pixels of the people in the mask before that are unknown in this one, and pixels of those people.
     void: (usize, usize),
     touches_border: bool,
@@ -121,10 +125,13 @@ impl People {
         let area = Area::new(&pixels, size.0, &|class| ids.contains(&class));
         let void = self.last.pixels_where(&pixels, size.0, &|class| class == panoptic::VOID_CLASS);
         let void = (void, self.last.pixels());
-        let people = area.packed().map_err(|error| error.to_string())?;
+        let unknown = Area::squares(&pixels, size.0, SQUARE_PX, &|class| class == panoptic::VOID_CLASS);
+        let [people, unknown] = [&area, &unknown].map(Area::packed);
+        let (people, unknown) =
+            (people.map_err(|error| error.to_string())?, unknown.map_err(|error| error.to_string())?);
         let touches_border = area.touches_border(size, 2);
         self.last = area;
-        self.seen.insert(image.header.stamp.into(), Seen { people, void, touches_border });
+        self.seen.insert(image.header.stamp.into(), Seen { people, unknown, void, touches_border });
         Ok(())
     }
 
@@ -146,21 +153,38 @@ impl People {
     }
 
     /// What is redacted in a frame: its people and those of the frames around, grown by the margin and by what they may have
-    /// moved since. Where nobody is seen, the nearest frames with people on both sides stand in.
+    /// moved since. Where nobody is seen, the nearest frames with people on both sides stand in. Where there are people at all,
+    /// what no class claims as well.
     pub fn cover(&self, frames: &[Frame], at: usize, options: &RedactOptions<'_>) -> io::Result<Cover> {
         let size = self.size.unwrap_or_default();
         let mut used: BTreeSet<usize> =
             (at.saturating_sub(options.neighbours)..=(at + options.neighbours).min(frames.len() - 1)).collect();
+        let mut margin = options.margin_px;
         if self.pixels(&frames[at]) == 0 {
+            margin *= 2;
             used.extend(self.nearest(frames, at, options.bridge, -1).map(|distance| at - distance));
             used.extend(self.nearest(frames, at, options.bridge, 1).map(|distance| at + distance));
         }
         let grown = used.into_iter().filter_map(|other| {
             let seen = self.seen.get(&frames[other].stamp).filter(|seen| seen.people.pixels() > 0)?;
-            let radius = options.margin_px + options.motion_px * other.abs_diff(at);
+            let radius = margin + options.motion_px * other.abs_diff(at);
             Some(seen.people.area().map(|area| (area, radius)))
         });
-        Ok(Cover::of(size, &grown.collect::<io::Result<Vec<_>>>()?))
+        let mut grown = grown.collect::<io::Result<Vec<_>>>()?;
+        if options.cover_unknown && !grown.is_empty() {
+            grown.extend(self.unknown(frames, at, options)?.into_iter().map(|area| (area.unfolded(SQUARE_PX), 0)));
+        }
+        Ok(Cover::of(size, &grown))
+    }
+
+    /// What no class claims in a frame; without a mask, in the nearest ones that have one.
+    fn unknown(&self, frames: &[Frame], at: usize, options: &RedactOptions<'_>) -> io::Result<Vec<Area>> {
+        let seen = |other: usize| self.seen.get(&frames.get(other)?.stamp);
+        let nearest =
+            |step: isize| (1..=options.bridge.max(1)).find_map(|d| seen(at.checked_add_signed(step * d as isize)?));
+        let stand_in = || [nearest(-1), nearest(1)].into_iter().flatten().collect();
+        let used: Vec<&Seen> = seen(at).map_or_else(stand_in, |seen| vec![seen]);
+        used.into_iter().map(|seen| seen.unknown.area()).collect()
     }
 
     /// Every frame in doubt.

@@ -77,6 +77,7 @@ impl RedactOptions<'_> {
             ("layer".to_owned(), self.layer.clone()),
             ("classes".to_owned(), classes.join(", ")),
             ("margin_px".to_owned(), self.margin_px.to_string()),
+            ("unknown".to_owned(), if self.cover_unknown { "cover" } else { "keep" }.to_owned()),
             ("neighbours".to_owned(), self.neighbours.to_string()),
             ("motion_px".to_owned(), self.motion_px.to_string()),
             ("bridge".to_owned(), self.bridge.to_string()),
