@@ -126,7 +126,8 @@ fn what_no_class_claims_goes_with_the_people_unless_it_is_to_stay() {
         // 8 x 8 pixels and one square of 4 around them, inside the picture.
         assert_eq!(report.redacted.pixels[frame] - kept.redacted.pixels[frame], 12 * 12, "frame {frame}");
     }
-    assert!(kept.redacted.pixels[9] > kept.redacted.pixels[8] + 500, "{:?}", kept.redacted.pixels);
+    let [before, missed] = [8, 9].map(|frame| kept.redacted.pixels[frame]);
+    assert!(missed as f64 > 1.2 * before as f64, "{before} {missed}");
     let asked = |report: &RedactReport| report.options["unknown"].clone();
     assert_eq!((asked(&report), asked(&kept)), ("cover".to_owned(), "keep".to_owned()));
 }

@@ -61,7 +61,7 @@ fn showed(ctx: &Context, then: &Remembered, in_world: &Vector3<f64>) -> bool {
     then.shows_ground(ctx, ctx.camera.distort(pixel).map(round_to_pixel), expected)
 }
 
-/// Whether a keypoint in a region lies on ground: by its own depth, without one by its cell.
+/// Whether a keypoint in a region lies on ground: its cell does, and so does its own depth if it has one.
 pub(super) fn keypoints(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame: &FrameFilter) -> Vec<bool> {
     let world_from_camera = now.camera_from_world.inverse();
     let by_depth = ctx.sensor == Sensor::Rgbd && now.depth.is_some();
@@ -70,7 +70,10 @@ pub(super) fn keypoints(ctx: &Context, now: &Now<'_>, older: &[&Remembered], fra
         if !by_depth || !matches!(frame.class[i], KeypointClass::Thing | KeypointClass::Unknown) {
             return false;
         }
-        let Some(z) = now.obs.depth(i) else { return frame.on_ground(now.obs.raw_pixel[i]) };
+        if !frame.on_ground(now.obs.raw_pixel[i]) {
+            return false;
+        }
+        let Some(z) = now.obs.depth(i) else { return true };
         let in_world = world_from_camera.transform(&ctx.camera.unproject(now.obs.pixel[i], z));
         seen.clear();
         seen.extend(older.iter().map(|then| compare(ctx, then, &in_world)));
@@ -95,8 +98,9 @@ impl PanopticFilter {
 impl Remembered {
     /// Whether a pixel (as recorded) showed background at this depth, metres.
     pub(super) fn shows_ground(&self, ctx: &Context, [x, y]: [i64; 2], expected: f64) -> bool {
-        let measured = self.depth.as_ref().and_then(|depth| depth.metres(x, y));
-        self.is_ground(x, y) && measured.is_some_and(|z| (z - expected).abs() <= ctx.depth_sigma(expected))
+        // Most places are none: the small table is looked up first.
+        let measured = || self.depth.as_ref().and_then(|depth| depth.metres(x, y));
+        self.is_ground(x, y) && measured().is_some_and(|z| (z - expected).abs() <= ctx.depth_sigma(expected))
     }
 
     fn is_ground(&self, x: i64, y: i64) -> bool {
