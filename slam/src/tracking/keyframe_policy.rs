@@ -38,8 +38,7 @@ pub fn keyframe_needed(
     let is_close = |i: &usize| frame.usable[*i] && frame.obs.depth(*i).is_some_and(|z| z < ctx.close_m);
     let close = || (0..frame.obs.len()).filter(is_close);
     let (close, tracked) = (close().count(), close().filter(|i| frame.points[*i].is_some()).count());
-    let few_tracked =
-        tracked < k.min_close_tracked as usize || (tracked as f64) < k.min_close_share * close as f64;
+    let few_tracked = tracked < k.min_close_tracked as usize || (tracked as f64) < k.min_close_share * close as f64;
     let need_close = few_tracked && close - tracked > k.min_close_untracked as usize;
 
     let since = frame.id.0.saturating_sub(last_keyframe.0);

@@ -39,11 +39,8 @@ impl KeypointGrid {
             grid.starts[cell + 1] += grid.starts[cell];
         }
         by_cell.sort_unstable();
-        let entry = |(_, index): (u32, u32)| Entry {
-            pixel: pixels[index as usize],
-            index,
-            octave: octaves[index as usize],
-        };
+        let entry =
+            |(_, index): (u32, u32)| Entry { pixel: pixels[index as usize], index, octave: octaves[index as usize] };
         grid.entries.extend(by_cell.into_iter().map(entry));
         grid
     }
