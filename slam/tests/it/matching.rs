@@ -5,7 +5,7 @@ use proptest::test_runner::RngSeed;
 use slam::matching::{Limits, Match, Query, consistent_rotation, project, search};
 use slam::observation::Observation;
 use slam_math::{Rng, Se3};
-use slam_vision::Descriptor;
+use slam_vision::{Descriptor, KeypointGrid};
 
 use crate::support::{camera, descriptor, observation};
 
@@ -47,6 +47,7 @@ fn rivals_on_the_same_level_are_ambiguous() {
     let without_ratio = search(&obs, &queries, Limits { ratio: 1.0, ..LIMITS }, |_| true);
     assert_eq!(without_ratio, [Match { key: 1, index: 0, distance: 20 }]);
     obs.octave[1] = 1;
+    obs.grid = KeypointGrid::build(&obs.pixel, &obs.octave, camera().undistorted_bounds());
     assert_eq!(found(&obs, &queries), [(1, 0, 20)], "the same corner on two levels is no rival");
     let coarse = Query { octaves: [1, 1], ..queries[0].clone() };
     assert_eq!(found(&obs, &[coarse]), [(1, 1, 22)]);
