@@ -1,6 +1,6 @@
 //! Pages about runs: whole, the same every time, and honest about what is missing.
 
-use crate::support::{pslam_exits, small_world, text, write_log};
+use crate::support::{pslam, pslam_exits, small_world, text, write_log};
 use std::fs;
 use std::path::Path;
 
@@ -75,7 +75,9 @@ fn what_is_missing_is_told() {
     fs::write(&records, &bytes[..bytes.len() / 2]).unwrap();
     pslam_exits(3, &["report", text(&run), "-o", text(&out)]);
     fs::remove_file(run.join("run.json")).unwrap();
-    pslam_exits(3, &["report", text(&run), "-o", text(&out)]);
+    let told = pslam(&["report", text(&run), "-o", text(&out)]);
+    assert_eq!(told.status.code(), Some(3));
+    assert!(String::from_utf8_lossy(&told.stderr).contains("is no run: name the folder"), "{told:?}");
     assert!(!out.exists());
 }
 

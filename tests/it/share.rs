@@ -70,6 +70,9 @@ fn the_commands_refuse_with_the_documented_codes() {
     }
     pslam_exits(3, &["export", "png", text(&at("none.mcap")), "-o", text(&at("x"))]);
     pslam_exits(3, &["import", "png", text(folder.path()), "-o", text(&at("x.mcap"))]);
+    let bytes = fs::read(&log).unwrap();
+    fs::write(at("cut.mcap"), &bytes[..bytes.len() / 2]).unwrap();
+    pslam_exits(3, &["card", text(&at("cut.mcap")), "-o", text(&at("x"))]);
     pslam_exits(0, &["card", text(&log), "-o", text(&at("card")), "--logs-by", "link"]);
     let told = pslam_exits(0, &["card", text(&log), "-o", text(&at("card")), "--force", "--json"]);
     let told: Value = serde_json::from_str(&told).unwrap();

@@ -67,6 +67,9 @@ pub enum CardError {
     /// A log cannot be read.
     #[error(transparent)]
     Log(#[from] LogError),
+    /// A log that nobody should be given.
+    #[error("{} is damaged or broken: see `pslam check`, `pslam recover`", .0.display())]
+    Damaged(PathBuf),
     /// A log's contents cannot be shown.
     #[error(transparent)]
     Export(#[from] ExportError),
@@ -146,8 +149,7 @@ pub fn card(
     for (log, name) in logs.iter().zip(&names) {
         let findings = check(log)?;
         if !findings.is_sound() {
-            let what = format!("{} is damaged or broken: see `pslam check`, `pslam recover`", log.display());
-            return Err(CardError::Refused(what));
+            return Err(CardError::Damaged(log.clone()));
         }
         statistics.push(statistics::of(log, &findings, &folder, progress)?);
         let path = format!("logs/{name}");

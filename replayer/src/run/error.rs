@@ -58,6 +58,9 @@ pub enum RunError {
         /// Frames in the log.
         frames: usize,
     },
+    /// There is no `run.json`.
+    #[error("{} is no run: name the folder that `pslam replay LOG -o FOLDER` wrote", .0.display())]
+    NoRun(PathBuf),
     /// `run.json` is not what a replay writes.
     #[error("{}: {reason}", path.display())]
     Manifest {

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
+use std::io::ErrorKind;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -97,7 +98,12 @@ impl RunSummary {
     /// No such file, or not what a replay of this version writes.
     pub fn read(run_dir: &Path) -> Result<Self, RunError> {
         let path = run_dir.join(super::RUN_JSON);
-        let text = std::fs::read_to_string(&path).map_err(RunError::io(&path))?;
+        let text = match std::fs::read_to_string(&path) {
+            Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
+                return Err(RunError::NoRun(run_dir.to_owned()));
+            }
+            text => text.map_err(RunError::io(&path))?,
+        };
         serde_json::from_str(&text).map_err(|error| RunError::Manifest { path, reason: error.to_string() })
     }
 }
