@@ -62,10 +62,10 @@ pub fn verify(
     threads: usize,
     progress: Progress<'_>,
 ) -> Result<VerifyReport, RunError> {
+    let summary = RunSummary::read(run_dir)?;
     let records = run_dir.join(RECORDS_BIN);
     let (end, fingerprint) = read_through(&records)?;
     let Retrace { header, log_path, source, .. } = Retrace::open(run_dir, log)?;
-    let summary = RunSummary::read(run_dir)?;
     let mut reader = RecordReader::open(&records)?;
     let notes = header_differences(&header, &source.header());
     let mut report = VerifyReport {
