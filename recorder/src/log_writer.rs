@@ -154,20 +154,31 @@ pub struct LogWriter {
     chunks: Option<Chunks>,
 }
 
+const PARTIAL: &str = "partial";
+
+fn unfinished(path: &Path, suffix: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(format!(".{suffix}"));
+    PathBuf::from(name)
+}
+
 impl LogWriter {
     /// Starts a log that will stand at `path`.
     ///
     /// # Errors
     /// Something stands there (and `force` is off), or the file system refuses.
     pub fn create(path: &Path, options: &LogOptions) -> Result<Self, WriteError> {
-        Self::create_as(path, "partial", options)
+        Self::create_as(path, PARTIAL, options)
+    }
+
+    /// Where a log stands until it is finished.
+    pub(crate) fn partial_of(path: &Path) -> PathBuf {
+        unfinished(path, PARTIAL)
     }
 
     /// As [`LogWriter::create`] with another suffix than `partial` for the unfinished file.
     pub(crate) fn create_as(path: &Path, suffix: &str, options: &LogOptions) -> Result<Self, WriteError> {
-        let mut partial = path.as_os_str().to_owned();
-        partial.push(format!(".{suffix}"));
-        let partial = PathBuf::from(partial);
+        let partial = unfinished(path, suffix);
         if !options.force {
             if path.exists() {
                 return Err(WriteError::Exists(path.to_owned()));

@@ -3,7 +3,7 @@
 mod annotate;
 mod bench;
 mod board;
-#[cfg(feature = "opencv")]
+#[cfg_attr(not(feature = "opencv"), path = "calibrate_without.rs")]
 mod calibrate;
 mod card;
 mod check;
@@ -74,8 +74,8 @@ pub enum Command {
     Sync(sync::Sync),
     /// Write a calibration board to print, SVG or PDF.
     Board(board::Board),
-    /// Check intrinsics and find the hand-eye transform from views of the board; exit code 1 if either is wrong.
-    #[cfg(feature = "opencv")]
+    /// Check intrinsics and find the hand-eye transform from views of the board (needs the feature `opencv`); exit code 1 if
+    /// either is wrong.
     Calibrate(calibrate::Calibrate),
     /// Compare a run's trajectory with the ground truth.
     Eval(eval::Eval),
@@ -127,7 +127,6 @@ impl Command {
             Self::Diff(command) => command.run(),
             Self::Sync(command) => command.run(progress),
             Self::Board(command) => command.run(),
-            #[cfg(feature = "opencv")]
             Self::Calibrate(command) => command.run(progress),
             Self::Eval(command) => command.run(),
             Self::Report(command) => command.run(progress),

@@ -123,6 +123,14 @@ fn requests_that_make_no_sense() {
     pslam_exits(3, &command(&[text(&root().join("Cargo.toml"))], text(&out), text(&masks)));
     pslam_exits(2, &command(&[text(&log)], text(&log), text(&masks)));
     assert!(!out.exists());
+    // What others began is theirs: a recording that a crash cut off, and a file where labels are kept.
+    for (name, code) in [("out.mcap.partial", 2), ("out.mcap.labels", 3)] {
+        fs::write(at(name), b"precious").unwrap();
+        pslam_exits(code, &command(&[text(&log)], text(&out), text(&masks)));
+        assert_eq!(fs::read(at(name)).unwrap(), b"precious", "{name}");
+        fs::remove_file(at(name)).unwrap();
+    }
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2, "nothing is left behind");
     // Labels of another size.
     write_masks(&masks, (160, 120), 2);
     let said = String::from_utf8_lossy(&pslam(&command(&[text(&log)], text(&out), text(&masks))).stderr).into_owned();

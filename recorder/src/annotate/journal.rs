@@ -105,16 +105,27 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// Opens the journal of a log in the making; one that was started for something else starts anew.
-    pub fn open(out: &Path, request: &[u8; 32]) -> Result<Self, AnnotateError> {
+    /// Where the journal of a log in the making stands.
+    pub fn path_of(out: &Path) -> PathBuf {
         let mut name = out.as_os_str().to_owned();
         name.push(".labels");
-        let path = PathBuf::from(name);
+        PathBuf::from(name)
+    }
+
+    /// Opens the journal of a log in the making; one that was started for something else starts anew. A file that is no
+    /// journal is refused.
+    pub fn open(out: &Path, request: &[u8; 32]) -> Result<Self, AnnotateError> {
+        let path = Self::path_of(out);
         let at = |source| AnnotateError::Journal { path: path.clone(), source };
         let mut file =
             OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).map_err(at)?;
         let mut head = Vec::new();
         (&file).take(HEAD).read_to_end(&mut head).map_err(at)?;
+        if !head.iter().zip(MAGIC).all(|(a, b)| a == b) {
+            return Err(at(io::Error::other(
+                "stands where labels are kept meanwhile and is none of them: move it away",
+            )));
+        }
         let wanted = [MAGIC.as_slice(), request].concat();
         if head != wanted {
             file.set_len(0).map_err(at)?;

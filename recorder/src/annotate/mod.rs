@@ -14,7 +14,7 @@ pub use ready::{ReadyMasks, ReadySource};
 
 use crate::edit::{EditError, EditOptions, EditSummary, rewrite};
 use crate::layer::{Layer, LayerSpec};
-use crate::log_writer::{LogOptions, WriteError};
+use crate::log_writer::{LogOptions, LogWriter, WriteError};
 use crate::picture::PictureError;
 use insert::Insert;
 use journal::Journal;
@@ -133,9 +133,7 @@ pub fn annotate(
     progress: &mut dyn FnMut(usize, usize),
 ) -> Result<Annotated, AnnotateError> {
     let layer = Layer::new(&options.layer)?;
-    if !options.log.force && out.exists() {
-        return Err(WriteError::Exists(out.to_owned()).into());
-    }
+    refuse_what_stands(out, options)?;
     let all = pictures::survey(log, &options.layer.name)?.min(options.limit.unwrap_or(usize::MAX));
     let mut journal = Journal::open(out, &request(options))?;
     let labelled = label::label(log, all, options, make, &mut journal, progress)?;
@@ -148,7 +146,8 @@ pub fn annotate(
     let arguments = BTreeMap::from([("layer".to_owned(), serde_json::Value::from(options.layer.name.as_str()))]);
     let mut edit = EditOptions::new("annotate", arguments);
     edit.log = options.log.clone();
-    // What an earlier run had labelled it may also have begun to write: its half is replaced.
+    // Labelling takes hours, in which others write too. Only the half that an earlier run of ours began may be replaced.
+    refuse_what_stands(out, options)?;
     edit.log.force |= labelled.resumed > 0;
     let mut insert = Insert::new(layer, record, journal.reader()?);
     let edit = rewrite(log, out, &edit, &mut insert, &mut |_, _| {})?;
@@ -179,6 +178,21 @@ pub fn is_annotated(log: &Path, out: &Path, options: &AnnotateOptions) -> Result
         let mut provenance = records.iter().filter(|(name, _)| name.starts_with(prefix)).map(|(_, values)| values);
         same && provenance.any(|values| values.get("source/0/blake3") == Some(&source.blake3))
     }))
+}
+
+/// Something else at the place of the new log is not written over unless that is wished, be it unfinished: without a journal
+/// no run of ours began it.
+fn refuse_what_stands(out: &Path, options: &AnnotateOptions) -> Result<(), WriteError> {
+    let partial = LogWriter::partial_of(out);
+    if options.log.force {
+        Ok(())
+    } else if out.exists() {
+        Err(WriteError::Exists(out.to_owned()))
+    } else if partial.exists() && !Journal::path_of(out).exists() {
+        Err(WriteError::Unfinished(partial))
+    } else {
+        Ok(())
+    }
 }
 
 /// BLAKE3 over everything but the pictures that decides on the labels.

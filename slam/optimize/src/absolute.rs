@@ -94,6 +94,7 @@ struct Search<'a, F> {
 }
 
 impl<F: Fn(usize, &Sim3) -> bool> Search<'_, F> {
+    /// As [`Search::fit`], without lists: hundreds of samples are tried.
     fn fit_sample(&self, sample: [usize; 3]) -> Option<Sim3> {
         let (source, target) = (sample.map(|i| self.source[i]), sample.map(|i| self.target[i]));
         align::umeyama(&source, &target, self.with_scale).filter(Sim3::is_finite)

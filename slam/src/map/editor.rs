@@ -28,7 +28,7 @@ impl<'a> Editor<'a> {
     }
 
     /// Makes room for so many edits at once.
-    pub fn expect(&mut self, edits: usize) {
+    pub fn reserve(&mut self, edits: usize) {
         self.journal.edits.reserve(edits);
     }
 
@@ -54,7 +54,7 @@ impl<'a> Editor<'a> {
     /// counted as void. Points that the job made get the next free ids here.
     pub fn replay(&mut self, journal: Journal) -> Renaming {
         let mut renaming = Renaming { first_new: journal.first_new, now: Vec::new() };
-        self.expect(journal.edits.len());
+        self.reserve(journal.edits.len());
         for edit in journal.edits {
             let next = self.map.next_point();
             let makes_point = matches!(edit, MapEdit::AddPoint(_));

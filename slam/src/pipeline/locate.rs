@@ -98,7 +98,7 @@ impl Step<'_> {
     fn count_sights(&mut self, local: LocalMap) {
         let found = self.frame.matched_points();
         self.edit(|_, editor, _| {
-            editor.expect(local.in_view.len());
+            editor.reserve(local.in_view.len());
             for (id, ..) in &local.in_view {
                 editor.apply(MapEdit::CountSight(*id, found.binary_search(id).is_ok()));
             }
