@@ -4,7 +4,7 @@ use std::fs::{self, File};
 use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 
-use re_log_encoding::{CrateVersion, Encoder, EncodingOptions};
+use re_log_encoding::{CrateVersion, EncodeError, Encoder, EncodingOptions};
 use re_log_types::{
     ApplicationId, BlueprintActivationCommand, LogMsg, SetStoreInfo, StoreId, StoreInfo, StoreKind, StoreSource,
     TimeCell, TimePoint,
@@ -80,7 +80,7 @@ impl RrdWriter {
         let file = File::create(&partial).map_err(|source| RrdError::Io { path: partial.clone(), source })?;
         let mut encoder =
             Encoder::new_eager(CrateVersion::LOCAL, EncodingOptions::PROTOBUF_COMPRESSED, BufWriter::new(file))
-                .map_err(|e| RrdError::encode("header", &e))?;
+                .map_err(|e| refused(&partial, "header", e))?;
         // The footer is the one part whose bytes come out of a hash map. Viewers open the file without it.
         encoder.do_not_emit_footer();
         let application = ApplicationId::try_new(application_id).map_err(|e| RrdError::encode("application id", &e))?;
@@ -93,7 +93,8 @@ impl RrdWriter {
     /// Shows `content` at `entity` from `at` on, in place of the items the entity showed before.
     ///
     /// # Errors
-    /// [`RrdError::Length`] when arrays of `content` do not fit together; [`RrdError::Encode`] when writing fails.
+    /// [`RrdError::Length`] when arrays of `content` do not fit together; [`RrdError::Io`] when writing fails;
+    /// [`RrdError::Encode`].
     pub fn log(&mut self, entity: &str, at: At, content: &impl Content) -> Result<(), RrdError> {
         let components = content.components(entity)?;
         if let Some(chunk) = self.chunks.push(&mut self.ids, entity, at.time_point(), components)? {
@@ -105,7 +106,7 @@ impl RrdWriter {
     /// Stores the layout that the viewer opens with. Call it once.
     ///
     /// # Errors
-    /// [`RrdError::Shares`] when a container's shares do not fit its children; [`RrdError::Encode`].
+    /// [`RrdError::Shares`] when a container's shares do not fit its children; [`RrdError::Io`], [`RrdError::Encode`].
     pub fn blueprint(&mut self, layout: &Blueprint) -> Result<(), RrdError> {
         let messages = blueprint_messages(self.recording.application_id(), layout, &mut self.ids)?;
         messages.iter().try_for_each(|message| self.append("blueprint", message))
@@ -119,8 +120,9 @@ impl RrdWriter {
         for chunk in self.chunks.drain(&mut self.ids)? {
             self.append("recording", &LogMsg::ArrowMsg(self.recording.clone(), chunk))?;
         }
-        self.encoder.finish().map_err(|e| RrdError::encode("end of file", &e))?;
-        let mut file = self.encoder.into_inner().map_err(|e| RrdError::encode("end of file", &e))?;
+        let refused = |e| refused(&self.partial, "end of file", e);
+        self.encoder.finish().map_err(refused)?;
+        let mut file = self.encoder.into_inner().map_err(refused)?;
         file.flush()
             .and_then(|()| file.get_ref().sync_all())
             .map_err(|source| RrdError::Io { path: self.partial.clone(), source })?;
@@ -134,7 +136,15 @@ impl RrdWriter {
     }
 
     fn append(&mut self, entity: &str, message: &LogMsg) -> Result<(), RrdError> {
-        self.encoder.append(message).map(|_| ()).map_err(|e| RrdError::encode(entity, &e))
+        self.encoder.append(message).map(|_| ()).map_err(|e| refused(&self.partial, entity, e))
+    }
+}
+
+/// The encoder writes as it goes: what the operating system says is about the file, the rest about the data.
+fn refused(file: &Path, entity: &str, error: EncodeError) -> RrdError {
+    match error {
+        EncodeError::Write(source) => RrdError::Io { path: file.to_owned(), source },
+        error => RrdError::encode(entity, &error),
     }
 }
 

@@ -48,6 +48,20 @@ fn an_unwritable_place_is_named() {
     assert!(error.to_string().contains("/nowhere/at/all.rrd.partial"), "{error}");
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_is_told_with_the_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let (path, partial) = (dir.path().join("run.rrd"), dir.path().join("run.rrd.partial"));
+    std::os::unix::fs::symlink("/dev/full", &partial).unwrap();
+    let mut file = RrdWriter::create(&path, "app", "rec", true).unwrap();
+    let far = vec![[1.0; 3]; 1000];
+    let points = Points3d { positions: &far, ..Points3d::default() };
+    let written = (0..1000).try_for_each(|_| file.log("/a", At::Static, &points)).and_then(|()| file.finish());
+    assert!(matches!(&written, Err(RrdError::Io { path, .. }) if *path == partial), "{written:?}");
+    assert!(!path.exists());
+}
+
 #[test]
 fn arrays_that_do_not_fit_are_refused() {
     let dir = tempfile::tempdir().unwrap();
