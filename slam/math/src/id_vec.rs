@@ -8,13 +8,14 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 /// Values that are shared and copied together.
 type Block<T, const N: usize> = [Option<T>; N];
 
-/// Append-only vector of values indexed by creation order. Removing leaves a hole, so ids stay valid for ever.
+/// Append-only vector of values indexed by creation order. Removing leaves a hole, so ids stay valid for ever; a block of
+/// holes alone takes no memory, or a map would grow with all that ever was in it.
 ///
 /// Cloning is cheap: blocks of `N` values are shared until one of them is written to. Large values want blocks of one;
 /// for small ones that are written together, larger blocks save allocations and lie side by side in memory.
 #[derive(Debug, Clone)]
 pub struct IdVec<T, const N: usize = 1> {
-    blocks: Vec<Arc<Block<T, N>>>,
+    blocks: Vec<Option<Arc<Block<T, N>>>>,
     /// Slots in use, holes included.
     used: usize,
     live: usize,
@@ -31,10 +32,16 @@ impl<T: Serialize, const N: usize> Serialize for IdVec<T, N> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         // Some formats need the number beforehand.
         let mut slots = serializer.serialize_seq(Some(self.used))?;
-        for slot in self.blocks.iter().flat_map(|block| block.iter()).take(self.used) {
-            slots.serialize_element(slot)?;
+        for index in 0..self.used {
+            slots.serialize_element(&self.slot(index))?;
         }
         slots.end()
+    }
+}
+
+impl<T, const N: usize> IdVec<T, N> {
+    fn slot(&self, index: usize) -> Option<&T> {
+        self.blocks.get(index / N)?.as_ref()?[index % N].as_ref()
     }
 }
 
@@ -73,32 +80,38 @@ impl<T: Clone, const N: usize> IdVec<T, N> {
     fn append(&mut self, slot: Option<T>) -> usize {
         let index = self.used;
         if index / N == self.blocks.len() {
-            self.blocks.push(Arc::new(std::array::from_fn(|_| None)));
+            self.blocks.push(None);
         }
-        self.live += usize::from(slot.is_some());
         self.used += 1;
-        Arc::make_mut(&mut self.blocks[index / N])[index % N] = slot;
+        if slot.is_some() {
+            self.live += 1;
+            let block = self.blocks[index / N].get_or_insert_with(|| Arc::new(std::array::from_fn(|_| None)));
+            Arc::make_mut(block)[index % N] = slot;
+        }
         index
     }
 
     /// The value, unless it was removed or never existed.
     #[must_use]
     pub fn get(&self, index: usize) -> Option<&T> {
-        self.blocks.get(index / N).and_then(|block| block[index % N].as_ref())
+        self.slot(index)
     }
 
     /// The value for writing; its block is copied first when it is shared with a snapshot.
     pub fn get_mut(&mut self, index: usize) -> Option<&mut T> {
         self.get(index)?; // a hole is no reason to copy
-        Arc::make_mut(&mut self.blocks[index / N])[index % N].as_mut()
+        Arc::make_mut(self.blocks[index / N].as_mut()?)[index % N].as_mut()
     }
 
     /// Removes a value; true when it was there.
     pub fn remove(&mut self, index: usize) -> bool {
-        if self.get(index).is_none() {
-            return false;
+        let Some(block) = self.blocks.get_mut(index / N) else { return false };
+        let Some(shared) = block.as_mut().filter(|shared| shared[index % N].is_some()) else { return false };
+        if shared.iter().flatten().nth(1).is_some() {
+            Arc::make_mut(shared)[index % N] = None;
+        } else {
+            *block = None;
         }
-        Arc::make_mut(&mut self.blocks[index / N])[index % N] = None;
         self.live -= 1;
         true
     }
@@ -124,6 +137,20 @@ mod tests {
         assert_eq!(v.iter().rev().collect::<Vec<_>>(), [(2, &'c'), (1, &'b')]);
         assert_eq!((v.len(), v.next_index(), v.get(0), v.get(3)), (2, 3, None, None));
         assert_eq!([0, 9].map(|hole| v.get_mut(hole).is_none()), [true; 2]);
+    }
+
+    #[test]
+    fn a_block_of_holes_takes_no_memory() {
+        let value = Arc::new(());
+        let mut v = IdVec::<Arc<()>, 4>::default();
+        (0..6).for_each(|_| _ = v.push(value.clone()));
+        let snapshot = v.clone();
+        (0..4).chain([5]).for_each(|index| assert!(v.remove(index)));
+        assert!(v.blocks[0].is_none() && v.blocks[1].is_some());
+        assert_eq!((snapshot.len(), Arc::strong_count(&value)), (6, 8), "the snapshot has all, and one is left");
+        assert!(v.remove(4) && v.is_empty());
+        assert_eq!((v.push(value.clone()), v.push(value)), (6, 7), "into a block that was given up");
+        assert_eq!(v.iter().map(|(index, _)| index).collect::<Vec<_>>(), [6, 7]);
     }
 
     #[test]
