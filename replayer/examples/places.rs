@@ -221,7 +221,7 @@ fn synthetic_pictures() -> Result<Vec<Vec<Descriptor>>> {
     let (extractor, mut workspace) = (OrbExtractor::new(&OrbConfig::default())?, Workspace::default());
     let mut features = |frame| -> Result<Vec<Descriptor>> {
         let gray = gray_from_rgb(&world.frame(frame).rgb, size.0, size.1)?;
-        Ok(extractor.extract_with(&gray, None, &mut workspace).descriptor.clone())
+        Ok(extractor.extract_with(&gray, None, &mut workspace).descriptor.to_vec())
     };
     (0..config.frame_count).step_by(3).map(&mut features).collect()
 }

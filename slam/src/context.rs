@@ -1,7 +1,7 @@
 //! What every stage may read: configuration, calibration and tables made from them once.
 
 use nalgebra::Vector3;
-use slam_math::float;
+use slam_math::{Buffers, float};
 use slam_optimize::{DepthCamera, Measurement, Pinhole};
 use slam_vision::Camera;
 
@@ -36,6 +36,8 @@ pub struct Context {
     pub scales: Vec<f64>,
     /// Depth up to which one view fixes a point, metres.
     pub close_m: f64,
+    /// Where stages take the memory of their lists from.
+    pub buffers: Buffers,
 }
 
 impl Context {
@@ -57,6 +59,7 @@ impl Context {
             categories,
             scales: scales.to_vec(),
             close_m: config.sensor.close_baselines * bf / camera.fx,
+            buffers: Buffers::default(),
         }
     }
 

@@ -1,7 +1,7 @@
 //! Finding keypoints for points that are expected at a place in the picture.
 
 use nalgebra::Vector3;
-use slam_math::Se3;
+use slam_math::{Buffer, Buffers, Se3};
 use slam_vision::{Camera, Descriptor, Nearest, nearest_two};
 
 use crate::observation::Observation;
@@ -45,14 +45,15 @@ pub struct Limits {
 
 /// Best keypoint for each query among those that `allowed` admits. Each keypoint goes to the query with the smallest
 /// (distance, key), so the order of the queries does not matter.
-pub fn search<K: Copy + Ord>(
+pub fn search<K: Copy + Ord + Send + 'static>(
     obs: &Observation,
     queries: &[Query<K>],
     limits: Limits,
+    buffers: &Buffers,
     allowed: impl Fn(usize) -> bool,
-) -> Vec<Match<K>> {
-    let mut owner: Vec<Option<(u32, K)>> = vec![None; obs.len()];
-    let mut nearby = Vec::with_capacity(obs.len());
+) -> Buffer<Match<K>> {
+    let mut owner: Buffer<Option<(u32, K)>> = buffers.filled(obs.len(), None);
+    let mut nearby = buffers.empty();
     for query in queries {
         obs.grid.query(query.pixel, query.radius, query.octaves[0], query.octaves[1], &mut nearby);
         if let Some((index, distance)) = best(obs, query, &mut nearby, limits, &allowed) {
@@ -62,15 +63,13 @@ pub fn search<K: Copy + Ord>(
             }
         }
     }
-    claimed(&owner)
+    claimed(&owner, buffers)
 }
 
 /// The claims that hold, by keypoint.
-pub(crate) fn claimed<K: Copy>(owner: &[Option<(u32, K)>]) -> Vec<Match<K>> {
-    let mut found = Vec::with_capacity(owner.len());
+pub(crate) fn claimed<K: Copy + Send + 'static>(owner: &[Option<(u32, K)>], buffers: &Buffers) -> Buffer<Match<K>> {
     let claims = owner.iter().enumerate();
-    found.extend(claims.filter_map(|(i, o)| o.map(|(distance, key)| Match { key, index: i as u32, distance })));
-    found
+    buffers.collect(claims.filter_map(|(i, o)| o.map(|(distance, key)| Match { key, index: i as u32, distance })))
 }
 
 fn best<K>(
@@ -109,7 +108,10 @@ pub fn project(camera: &Camera, camera_from_world: &Se3, point: &Vector3<f64>) -
 
 /// Drops matches whose keypoint turned differently from the rest: angle differences are put into 30 bins of 12 degrees
 /// and the three fullest are kept (the second and third only with a tenth of the first).
-pub fn consistent_rotation<K: Copy>(mut matches: Vec<Match<K>>, turn: impl Fn(&Match<K>) -> f32) -> Vec<Match<K>> {
+pub fn consistent_rotation<K: Copy + Send>(
+    mut matches: Buffer<Match<K>>,
+    turn: impl Fn(&Match<K>) -> f32,
+) -> Buffer<Match<K>> {
     const BINS: usize = 30;
     let bin_of = |m: &Match<K>| {
         let turns = f64::from(turn(m)) / std::f64::consts::TAU;
@@ -118,7 +120,7 @@ pub fn consistent_rotation<K: Copy>(mut matches: Vec<Match<K>>, turn: impl Fn(&M
     let mut counts = [0usize; BINS];
     matches.iter().for_each(|m| counts[bin_of(m)] += 1);
     let mut order: [usize; BINS] = std::array::from_fn(|i| i);
-    order.sort_by_key(|bin| (std::cmp::Reverse(counts[*bin]), *bin));
+    order.sort_unstable_by_key(|bin| (std::cmp::Reverse(counts[*bin]), *bin));
     let is_kept = |bin: usize| order[..3].contains(&bin) && counts[bin] * 10 >= counts[order[0]];
     matches.retain(|m| is_kept(bin_of(m)));
     matches

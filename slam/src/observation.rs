@@ -1,7 +1,7 @@
 //! What the sensor said about one frame: keypoints with their depth and label. Never changes after it is made.
 
 use serde::{Deserialize, Serialize};
-use slam_math::DigestWriter;
+use slam_math::{Buffer, Buffers, DigestWriter};
 use slam_vision::{Camera, Descriptor, Features, KeypointGrid};
 
 use crate::config::SensorConfig;
@@ -11,19 +11,19 @@ use crate::input::{DepthImage, FrameInput, PanopticMask};
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Observation {
     /// Pixels as recorded (with lens distortion).
-    pub raw_pixel: Vec<[f64; 2]>,
+    pub raw_pixel: Buffer<[f64; 2]>,
     /// Pixels without lens distortion.
-    pub pixel: Vec<[f64; 2]>,
+    pub pixel: Buffer<[f64; 2]>,
     /// Pyramid level.
-    pub octave: Vec<u8>,
+    pub octave: Buffer<u8>,
     /// Orientation in radians.
-    pub angle: Vec<f32>,
+    pub angle: Buffer<f32>,
     /// ORB descriptor.
-    pub descriptor: Vec<Descriptor>,
+    pub descriptor: Buffer<Descriptor>,
     /// Depth in metres; 0 = none.
-    pub depth_m: Vec<f64>,
+    pub depth_m: Buffer<f64>,
     /// Panoptic segment id; 0 = unknown.
-    pub label: Vec<u16>,
+    pub label: Buffer<u16>,
     /// Look-up of keypoints by undistorted pixel.
     pub grid: KeypointGrid,
 }
@@ -31,22 +31,34 @@ pub struct Observation {
 impl Observation {
     /// Reads depth and labels at the features of a frame.
     #[must_use]
-    pub fn new(features: Features, input: &FrameInput, camera: &Camera, sensor: &SensorConfig) -> Self {
+    pub fn new(
+        features: Features,
+        input: &FrameInput,
+        camera: &Camera,
+        sensor: &SensorConfig,
+        buffers: &Buffers,
+    ) -> Self {
         let depth_of = |pixel: &[f32; 2]| {
             let depth = input.depth.as_deref()?;
             depth_at_corner(depth, pixel.map(f64::from), sensor)
         };
-        let depth_m = features.pixel.iter().map(|pixel| depth_of(pixel).unwrap_or(0.0)).collect();
-        Self::with_depth(features, depth_m, input.panoptic.as_deref(), camera)
+        let depth_m = buffers.collect(features.pixel.iter().map(|pixel| depth_of(pixel).unwrap_or(0.0)));
+        Self::with_depth(features, depth_m, input.panoptic.as_deref(), camera, buffers)
     }
 
     /// The same with depth that is known already, metres, 0 = none.
     #[must_use]
-    pub fn with_depth(features: Features, depth_m: Vec<f64>, mask: Option<&PanopticMask>, camera: &Camera) -> Self {
-        let raw_pixel: Vec<[f64; 2]> = features.pixel.iter().map(|p| p.map(f64::from)).collect();
-        let pixel: Vec<[f64; 2]> = raw_pixel.iter().map(|p| camera.undistort(*p)).collect();
-        let label = raw_pixel.iter().map(|p| label_at(mask, *p)).collect();
-        let grid = KeypointGrid::build(&pixel, &features.octave, camera.undistorted_bounds());
+    pub fn with_depth(
+        features: Features,
+        depth_m: Buffer<f64>,
+        mask: Option<&PanopticMask>,
+        camera: &Camera,
+        buffers: &Buffers,
+    ) -> Self {
+        let raw_pixel = buffers.collect(features.pixel.iter().map(|p| p.map(f64::from)));
+        let pixel = buffers.collect(raw_pixel.iter().map(|p| camera.undistort(*p)));
+        let label = buffers.collect(raw_pixel.iter().map(|p| label_at(mask, *p)));
+        let grid = KeypointGrid::build(&pixel, &features.octave, camera.undistorted_bounds(), buffers);
         Self {
             raw_pixel,
             pixel,

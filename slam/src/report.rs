@@ -1,7 +1,8 @@
 //! What the slam says about one frame: every intermediate state, in plain values.
 
 use serde::{Deserialize, Serialize};
-use slam_math::{Digest, FrameId, KeyFrameId, MapId, MapPointId, Se3, Stamp};
+use slam_math::{Buffer, Digest, FrameId, KeyFrameId, MapId, MapPointId, Se3, Stamp};
+use smallvec::SmallVec;
 
 /// Tracking state after a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -245,7 +246,7 @@ pub struct StageRecord {
     /// Which stage.
     pub stage: Stage,
     /// Digest per field, in a fixed order: a difference names the field.
-    pub fields: Vec<FieldRecord>,
+    pub fields: SmallVec<[FieldRecord; 4]>,
 }
 
 /// Digest of one field of a stage.
@@ -256,7 +257,38 @@ pub struct FieldRecord {
     /// Digest over its canonical bytes.
     pub digest: Digest,
     /// A value a person can read: the number itself, or a count.
-    pub value: String,
+    pub value: FieldValue,
+}
+
+/// What a field comes to, for people.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum FieldValue {
+    /// Nothing but the digest.
+    None,
+    /// A number of things.
+    Count(u64),
+    /// Whether the camera's place is known.
+    State(TrackingState),
+    /// How keypoints were chosen.
+    Selection(Selection),
+    /// Rows of `[rotation | translation]`, `camera_from_world`.
+    Pose(Option<[f64; 12]>),
+    /// A keyframe.
+    KeyFrame(Option<KeyFrameId>),
+}
+
+impl std::fmt::Display for FieldValue {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::None => Ok(()),
+            Self::Count(count) => write!(f, "{count}"),
+            Self::State(state) => write!(f, "{state:?}"),
+            Self::Selection(selection) => write!(f, "{selection:?}"),
+            Self::Pose(Some(rows)) => write!(f, "{rows:?}"),
+            Self::Pose(None) => f.write_str("none"),
+            Self::KeyFrame(keyframe) => write!(f, "{keyframe:?}"),
+        }
+    }
 }
 
 /// Something worth a line in the log.
@@ -288,11 +320,11 @@ pub struct FrameReport {
     /// How keypoints were chosen for tracking.
     pub selection: Selection,
     /// Keypoints.
-    pub keypoints: Vec<KeypointReport>,
+    pub keypoints: Buffer<KeypointReport>,
     /// Regions.
-    pub regions: Vec<RegionReport>,
+    pub regions: Buffer<RegionReport>,
     /// Row-major region index per 4 x 4 pixel cell (`u16::MAX` = background), width and height in cells.
-    pub region_cells: (usize, usize, Vec<u16>),
+    pub region_cells: (usize, usize, Buffer<u16>),
     /// Fundamental matrix.
     pub epipolar: Option<EpipolarReport>,
     /// Numbers.
@@ -300,5 +332,5 @@ pub struct FrameReport {
     /// What happened.
     pub events: Vec<Event>,
     /// Digests.
-    pub records: Vec<StageRecord>,
+    pub records: Buffer<StageRecord>,
 }

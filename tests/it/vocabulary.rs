@@ -13,7 +13,7 @@ fn vocabulary_file(path: &Path, depth: u32) {
     let (width, height) = (SMALL_CAMERA.width as usize, SMALL_CAMERA.height as usize);
     let features = |frame| {
         let gray = gray_from_rgb(&world.frame(frame).rgb, width, height).unwrap();
-        extractor.extract_with(&gray, None, &mut Workspace::default()).descriptor
+        extractor.extract_with(&gray, None, &mut Workspace::default()).descriptor.to_vec()
     };
     let pictures: Vec<_> = (0..20).step_by(5).map(features).collect();
     let options = VocabularyOptions { branching: 8, depth, ..VocabularyOptions::default() };

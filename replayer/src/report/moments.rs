@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use slam::input::{PanopticMask, Setup};
 use slam::report::{KeypointReport, RegionReport, Verdict};
+use slam_math::Buffer;
 use slam_vision::GrayImage;
 
 use super::rows::{Row, lost};
@@ -28,7 +29,7 @@ pub struct Moment {
     pub gray: GrayImage,
     pub keypoints: Vec<KeypointReport>,
     pub regions: Vec<RegionReport>,
-    pub region_cells: (usize, usize, Vec<u16>),
+    pub region_cells: (usize, usize, Buffer<u16>),
 }
 
 impl Moment {
@@ -40,8 +41,8 @@ impl Moment {
             size: (input.gray.width as u32, input.gray.height as u32),
             color: color.cloned(),
             gray: input.gray.clone(),
-            keypoints: report.keypoints.clone(),
-            regions: report.regions.clone(),
+            keypoints: report.keypoints.to_vec(),
+            regions: report.regions.to_vec(),
             region_cells: report.region_cells.clone(),
         }
     }

@@ -114,7 +114,7 @@ impl From<&FrameReport> for FrameEntry {
                 stage: record.stage,
                 field: field.name.to_owned(),
                 digest: field.digest,
-                value: field.value.clone(),
+                value: field.value.to_string(),
             })
         });
         Self { frame: report.id.0, stamp: Stamp(report.stamp.0), fields: fields.collect() }

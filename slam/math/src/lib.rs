@@ -4,11 +4,13 @@
 //! * [`se3`], [`sim3`]: rigid transforms and similarities `target_from_source`, [`lie`]: what both have in common for
 //!   solvers, [`align`]: best fit of point sets.
 //! * [`id`]: stamps and identifiers in creation order, and the append-only [`IdVec`].
+//! * [`Buffers`]: vectors whose memory is used again.
 //! * [`rng`]: random numbers by coordinates (seed, frame, stage, item), never a shared stream.
 //! * [`digest`]: canonical bytes and their xxh3-128.
 //! * [`par`]: the only parallel construct, an ordered map over fixed work items.
 
 pub mod align;
+mod buffer;
 pub mod digest;
 pub mod float;
 pub mod id;
@@ -21,6 +23,7 @@ pub mod sim3;
 pub mod track;
 pub mod vector;
 
+pub use buffer::{Buffer, Buffers};
 pub use digest::{Digest, DigestWriter};
 pub use id::{FrameId, KeyFrameId, MapId, MapPointId, Stamp};
 pub use id_vec::IdVec;

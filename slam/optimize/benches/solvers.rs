@@ -6,7 +6,7 @@ mod scene;
 use divan::{Bencher, black_box};
 use nalgebra::Vector6;
 use scene::{BF, CAMERA, bundle_scene, normal3, point, pose_scene, twist, two_views};
-use slam_math::{Rng, Se3, par::Pool};
+use slam_math::{Buffers, Rng, Se3, par::Pool};
 use slam_optimize::{
     AbsoluteOptions, BaOptions, FundamentalOptions, PoseOptions, absolute_orientation_ransac, bundle_adjust,
     fundamental_ransac, optimize_pose,
@@ -22,7 +22,9 @@ fn pose_500(bencher: Bencher<'_, '_>, wrong_percent: usize) {
     let mut rng = Rng::at(1, 0, 0, 0);
     let (truth, observations) = pose_scene(&mut rng, 500, 5 * wrong_percent, 1.0);
     let start = Se3::exp(&twist(&mut rng, 0.02, 0.01)) * truth;
-    bencher.bench_local(|| optimize_pose(&CAMERA, BF, black_box(&observations), &start, &PoseOptions::default()));
+    bencher.bench_local(|| {
+        optimize_pose(&CAMERA, BF, black_box(&observations), &start, &PoseOptions::default(), &Buffers::default())
+    });
 }
 
 /// 20 keyframes, 2000 points, 10000 observations, by number of threads.
@@ -31,7 +33,7 @@ fn local_bundle_20(bencher: Bencher<'_, '_>, threads: usize) {
     let (_, start) = bundle_scene(20, 2000, 5, 0.03);
     let pool = Pool::new(threads).expect("threads");
     bencher.with_inputs(|| start.clone()).bench_local_values(|mut problem| {
-        let report = pool.run(|| bundle_adjust(&mut problem, &BaOptions::default()));
+        let report = pool.run(|| bundle_adjust(&mut problem, &BaOptions::default(), &Buffers::default()));
         (problem, report)
     });
 }

@@ -5,7 +5,7 @@
 //! 2018, "Lambda Twist: An Accurate Fast Robust Perspective Three Point (P3P) Solver": a cubic instead of a quartic).
 
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
-use slam_math::{Rng, Se3};
+use slam_math::{Buffers, Rng, Se3};
 
 use crate::absolute::AbsoluteOptions;
 use crate::camera::{DepthCamera, Pinhole};
@@ -131,7 +131,8 @@ pub fn absolute_pose_ransac(
     refinement: &PoseOptions,
 ) -> Option<PoseResult> {
     let finite = |o: &&PoseObservation| o.measurement.is_usable() && o.point_in_world.iter().all(|v| v.is_finite());
-    let usable: Vec<PoseObservation> = observations.iter().filter(finite).copied().collect();
+    let buffers = Buffers::default();
+    let usable = buffers.collect(observations.iter().filter(finite).copied());
     let depth_camera = DepthCamera { pinhole: *camera, bf };
     let agreeing = |pose: &Se3| {
         let agrees = |o: &&PoseObservation| {
@@ -139,7 +140,7 @@ pub fn absolute_pose_ransac(
             let x = pose.transform(&o.point_in_world);
             depth_camera.chi2(&x, &o.measurement).is_some_and(|chi2| chi2 <= gate)
         };
-        usable.iter().filter(agrees).copied().collect::<Vec<PoseObservation>>()
+        buffers.collect(usable.iter().filter(agrees).copied())
     };
     let local = PoseOptions { rounds: 1, ..*refinement };
     let mut best: Option<(Se3, usize)> = None;
@@ -154,7 +155,7 @@ pub fn absolute_pose_ransac(
                 continue;
             }
             // Three noisy points make a rough pose: its inliers make a better one with more of them.
-            let refined = optimize_pose(camera, bf, &inliers, &pose, &local).camera_from_world;
+            let refined = optimize_pose(camera, bf, &inliers, &pose, &local, &buffers).camera_from_world;
             let count = agreeing(&refined).len();
             let found = if count >= inliers.len() { (refined, count) } else { (pose, inliers.len()) };
             let share = found.1 as f64 / usable.len() as f64;
@@ -162,7 +163,7 @@ pub fn absolute_pose_ransac(
             best = Some(found);
         }
     }
-    let result = optimize_pose(camera, bf, observations, &best?.0, refinement);
+    let result = optimize_pose(camera, bf, observations, &best?.0, refinement, &buffers);
     Some(result).filter(|found| found.inliers >= options.min_inliers)
 }
 

@@ -1,7 +1,7 @@
 //! Pose of one camera from known points: robust Levenberg-Marquardt on SE(3).
 
 use nalgebra::{Cholesky, Matrix6, Vector3, Vector6};
-use slam_math::Se3;
+use slam_math::{Buffer, Buffers, Se3};
 
 use crate::camera::{DepthCamera, Measurement, Pinhole, pose_gradient, pose_information};
 use crate::levenberg::Damping;
@@ -58,9 +58,9 @@ pub struct PoseResult {
     /// The estimate; the initial pose when it could not be improved.
     pub camera_from_world: Se3,
     /// Per observation, at the estimate.
-    pub inlier: Vec<bool>,
+    pub inlier: Buffer<bool>,
     /// Squared normalised residual per observation, at the estimate; infinite for one that can't be seen or used.
-    pub chi2: Vec<f64>,
+    pub chi2: Buffer<f64>,
     /// Number of inliers.
     pub inliers: usize,
     /// Linear solves of all rounds.
@@ -83,6 +83,7 @@ pub fn optimize_pose(
     observations: &[PoseObservation],
     initial_camera_from_world: &Se3,
     options: &PoseOptions,
+    buffers: &Buffers,
 ) -> PoseResult {
     let gates = Gates { mono: options.chi2_mono, stereo: options.chi2_stereo };
     let mut solver = Solver {
@@ -90,8 +91,8 @@ pub fn optimize_pose(
         gates,
         observations,
         pose: *initial_camera_from_world,
-        chi2: vec![f64::INFINITY; observations.len()],
-        active: observations.iter().map(|o| o.measurement.is_usable()).collect(),
+        chi2: buffers.filled(observations.len(), f64::INFINITY),
+        active: buffers.collect(observations.iter().map(|o| o.measurement.is_usable())),
         iterations: 0,
     };
     let mut converged = false;
@@ -116,8 +117,8 @@ struct Solver<'a> {
     pose: Se3,
     /// Where the point was last visible. While a step hides it behind the camera it keeps that value, so that hiding
     /// neither pays nor blocks.
-    chi2: Vec<f64>,
-    active: Vec<bool>,
+    chi2: Buffer<f64>,
+    active: Buffer<bool>,
     iterations: u32,
 }
 

@@ -5,7 +5,7 @@ mod scene;
 use nalgebra::Vector3;
 use proptest::prelude::*;
 use scene::{SIGMA_PX, bundle_scene};
-use slam_math::{Rng, par::Pool};
+use slam_math::{Buffers, Rng, par::Pool};
 use slam_optimize::{BaObservation, BaOptions, BaProblem, Measurement, bundle_adjust};
 
 fn bits(problem: &BaProblem) -> Vec<u64> {
@@ -27,7 +27,7 @@ fn the_scene_is_recovered_to_its_noise() {
     let (truth, mut problem) = bundle_scene(12, 600, 5, 0.0);
     let options = BaOptions { robust_rounds: 0, rounds: 1, chi2_mono: 1e9, chi2_stereo: 1e9, ..BaOptions::default() };
     let before = camera_error(&truth, &problem);
-    let report = bundle_adjust(&mut problem, &options);
+    let report = bundle_adjust(&mut problem, &options, &Buffers::default());
     assert!(report.final_cost < 0.1 * report.initial_cost);
     // At the minimum the cost is chi-square distributed with (residuals - parameters) degrees of freedom.
     let residuals: usize =
@@ -48,7 +48,7 @@ fn the_scene_is_recovered_to_its_noise() {
 #[test]
 fn outliers_are_named_and_do_not_pull() {
     let (truth, mut problem) = bundle_scene(10, 400, 6, 0.1);
-    let report = bundle_adjust(&mut problem, &BaOptions::default());
+    let report = bundle_adjust(&mut problem, &BaOptions::default(), &Buffers::default());
     assert!(report.final_cost < report.initial_cost && report.accepted > 2);
     assert!(camera_error(&truth, &problem) < 0.01, "{}", camera_error(&truth, &problem));
     // Truth of an observation: its distance from the true projection.
@@ -74,7 +74,7 @@ fn without_a_fixed_pose_the_first_is_held() {
     let (truth, mut problem) = bundle_scene(6, 200, 4, 0.0);
     problem.poses.iter_mut().for_each(|p| p.fixed = false);
     problem.poses[0].camera_from_world = truth.poses[0].camera_from_world;
-    let report = bundle_adjust(&mut problem, &BaOptions::default());
+    let report = bundle_adjust(&mut problem, &BaOptions::default(), &Buffers::default());
     assert_eq!(problem.poses[0].camera_from_world, truth.poses[0].camera_from_world);
     // Scale rests on the disparities alone: 1.2 px are 0.27 m at 3 m, averaged over some 500 measurements.
     let error = camera_error(&truth, &problem);
@@ -91,7 +91,8 @@ fn bits_do_not_depend_on_threads_nor_on_the_order_of_observations() {
     let solve = |observations: &[usize], threads: usize| {
         let mut problem = start.clone();
         problem.observations = observations.iter().map(|&i| start.observations[i]).collect();
-        let report = Pool::new(threads).unwrap().run(|| bundle_adjust(&mut problem, &BaOptions::default()));
+        let report =
+            Pool::new(threads).unwrap().run(|| bundle_adjust(&mut problem, &BaOptions::default(), &Buffers::default()));
         let mut outlier = vec![false; observations.len()];
         for (&i, flag) in observations.iter().zip(&report.outlier) {
             outlier[i] = *flag;
@@ -113,7 +114,7 @@ fn bits_do_not_depend_on_threads_nor_on_the_order_of_observations() {
 fn broken_input_is_an_outlier_and_changes_nothing() {
     let (_, clean) = bundle_scene(5, 100, 4, 0.0);
     let mut expected = clean.clone();
-    bundle_adjust(&mut expected, &BaOptions::default());
+    bundle_adjust(&mut expected, &BaOptions::default(), &Buffers::default());
     let mut dirty = clean.clone();
     let n = clean.observations.len();
     let mut add = |change: &dyn Fn(&mut BaObservation)| {
@@ -129,7 +130,7 @@ fn broken_input_is_an_outlier_and_changes_nothing() {
     // A point that is not a number, seen well.
     add(&|o| o.point = 100);
     dirty.points.push(Vector3::repeat(f64::NAN));
-    let report = bundle_adjust(&mut dirty, &BaOptions::default());
+    let report = bundle_adjust(&mut dirty, &BaOptions::default(), &Buffers::default());
     assert!(report.outlier[n..].iter().all(|o| *o));
     dirty.points.pop();
     assert_eq!(bits(&dirty), bits(&expected));
@@ -144,7 +145,7 @@ fn empty_and_unobserved_problems_stay_as_they_are() {
         problem.points.truncate(points);
         problem.observations.clear();
         let before = problem.points.clone();
-        let report = bundle_adjust(&mut problem, &BaOptions::default());
+        let report = bundle_adjust(&mut problem, &BaOptions::default(), &Buffers::default());
         assert_eq!((report.initial_cost, report.final_cost), (0.0, 0.0));
         assert_eq!(problem.points, before);
     }
@@ -164,7 +165,7 @@ proptest! {
             point,
             measurement: Measurement { pixel: [v[0], v[1]], disparity: Some(v[2]), weight: v[3].abs(), weight_disparity: 1.0 },
         }));
-        let report = bundle_adjust(&mut problem, &BaOptions::default());
+        let report = bundle_adjust(&mut problem, &BaOptions::default(), &Buffers::default());
         prop_assert!(problem.poses.iter().all(|p| p.camera_from_world.is_finite()));
         prop_assert_eq!(report.outlier.len(), problem.observations.len());
     }

@@ -5,7 +5,7 @@ mod scene;
 use nalgebra::Vector3;
 use scene::{BF, CAMERA, bundle_scene, chain};
 use slam_math::par::Pool;
-use slam_math::{Se3, float};
+use slam_math::{Buffer, Buffers, Se3, float};
 use slam_optimize::{BaObservation, BaOptions, BaProblem, LoosePose, bundle_adjust, global_bundle_adjust};
 
 fn bits(problem: &BaProblem) -> Vec<u64> {
@@ -31,7 +31,7 @@ fn it_finds_the_same_minimum_as_the_local_one() {
         let (truth, start) = bundle_scene(12, 600, 5, outlier_share);
         let options = BaOptions { iterations: 30, relative_decrease: 1e-9, ..BaOptions::default() };
         let (mut local, mut global) = (start.clone(), start);
-        let expected = bundle_adjust(&mut local, &options);
+        let expected = bundle_adjust(&mut local, &options, &Buffers::default());
         let report = global_bundle_adjust(&mut global, &options).unwrap();
         assert!(camera_error(&local, &global) < 1e-4, "{}", camera_error(&local, &global));
         assert!(camera_error(&truth, &global) < 0.02);
@@ -96,8 +96,13 @@ fn parts_without_a_fixed_pose_are_refused() {
     let mut blind = start;
     blind.observations.retain(|o| o.pose != 4);
     assert_eq!(global_bundle_adjust(&mut blind, &BaOptions::default()), Err(LoosePose { pose: 4 }));
-    let mut empty =
-        BaProblem { camera: CAMERA, bf: BF, poses: Vec::new(), points: Vec::new(), observations: Vec::new() };
+    let mut empty = BaProblem {
+        camera: CAMERA,
+        bf: BF,
+        poses: Buffer::default(),
+        points: Buffer::default(),
+        observations: Buffer::default(),
+    };
     assert_eq!(global_bundle_adjust(&mut empty, &BaOptions::default()).unwrap().ba.final_cost, 0.0);
 }
 

@@ -5,7 +5,7 @@ mod scene;
 use nalgebra::Vector3;
 use proptest::prelude::*;
 use scene::{BF, CAMERA, pose_scene, twist};
-use slam_math::{Rng, Se3};
+use slam_math::{Buffers, Rng, Se3};
 use slam_optimize::{PoseOptions, optimize_pose};
 
 /// Error as a twist of the estimate against the truth.
@@ -17,7 +17,8 @@ fn error(estimate: &Se3, truth: &Se3) -> nalgebra::Vector6<f64> {
 fn exact_data_give_the_exact_pose() {
     let mut rng = Rng::at(1, 0, 0, 0);
     let (truth, observations) = pose_scene(&mut rng, 60, 0, 0.0);
-    let result = optimize_pose(&CAMERA, BF, &observations, &Se3::identity(), &PoseOptions::default());
+    let result =
+        optimize_pose(&CAMERA, BF, &observations, &Se3::identity(), &PoseOptions::default(), &Buffers::default());
     assert!(error(&result.camera_from_world, &truth).norm() < 1e-7, "{}", error(&result.camera_from_world, &truth));
     assert!(result.converged && result.inliers == 60);
 }
@@ -29,7 +30,7 @@ fn the_error_with_40_percent_outliers_is_what_the_information_promises() {
         let mut rng = Rng::at(2, seed, 0, 0);
         let (truth, observations) = pose_scene(&mut rng, 500, 200, 1.0);
         let start = Se3::exp(&twist(&mut rng, 0.05, 0.03)) * truth;
-        let result = optimize_pose(&CAMERA, BF, &observations, &start, &PoseOptions::default());
+        let result = optimize_pose(&CAMERA, BF, &observations, &start, &PoseOptions::default(), &Buffers::default());
         assert!(result.converged);
         // 95 % of 300 true inliers, give or take five standard deviations (3.8); a few of the wrong ones look right.
         let right = result.inlier[200..].iter().filter(|i| **i).count();
@@ -52,7 +53,7 @@ fn a_far_start_still_converges() {
         let mut rng = Rng::at(3, seed, 0, 0);
         let (truth, observations) = pose_scene(&mut rng, 200, 40, 1.0);
         let start = Se3::exp(&twist(&mut rng, 0.3, 0.15)) * truth;
-        let result = optimize_pose(&CAMERA, BF, &observations, &start, &PoseOptions::default());
+        let result = optimize_pose(&CAMERA, BF, &observations, &start, &PoseOptions::default(), &Buffers::default());
         assert!(error(&result.camera_from_world, &truth).norm() < 0.02, "seed {seed}");
     }
 }
@@ -62,7 +63,7 @@ fn broken_observations_are_outliers_and_change_nothing() {
     let mut rng = Rng::at(4, 0, 0, 0);
     let (truth, clean) = pose_scene(&mut rng, 100, 0, 1.0);
     let options = PoseOptions::default();
-    let expected = optimize_pose(&CAMERA, BF, &clean, &truth, &options);
+    let expected = optimize_pose(&CAMERA, BF, &clean, &truth, &options, &Buffers::default());
     let mut dirty = clean.clone();
     for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
         let mut o = clean[0];
@@ -85,7 +86,7 @@ fn broken_observations_are_outliers_and_change_nothing() {
     let mut behind = clean[0];
     behind.point_in_world = truth.inverse().transform(&Vector3::new(0.1, 0.1, -2.0));
     dirty.push(behind);
-    let result = optimize_pose(&CAMERA, BF, &dirty, &truth, &options);
+    let result = optimize_pose(&CAMERA, BF, &dirty, &truth, &options, &Buffers::default());
     assert_eq!(result.camera_from_world, expected.camera_from_world);
     assert_eq!(result.inlier[..100], expected.inlier[..]);
     assert!(result.inlier[100..].iter().all(|i| !i));
@@ -97,12 +98,12 @@ fn too_few_observations_or_a_broken_start_leave_the_pose() {
     let (truth, observations) = pose_scene(&mut rng, 30, 0, 1.0);
     let options = PoseOptions::default();
     for few in 0..3 {
-        let result = optimize_pose(&CAMERA, BF, &observations[..few], &truth, &options);
+        let result = optimize_pose(&CAMERA, BF, &observations[..few], &truth, &options, &Buffers::default());
         assert!(!result.converged);
         assert!(error(&result.camera_from_world, &truth).norm() < 1e-9);
     }
     let broken = Se3 { translation: Vector3::repeat(f64::NAN), ..truth };
-    let result = optimize_pose(&CAMERA, BF, &observations, &broken, &options);
+    let result = optimize_pose(&CAMERA, BF, &observations, &broken, &options, &Buffers::default());
     assert!(!result.converged && result.inliers == 0);
 }
 
@@ -117,7 +118,7 @@ proptest! {
             },
         }).collect();
         let start = Se3::exp(&nalgebra::Vector6::from(start.map(|v| v % 2.0)));
-        let result = optimize_pose(&CAMERA, BF, &observations, &start, &PoseOptions::default());
+        let result = optimize_pose(&CAMERA, BF, &observations, &start, &PoseOptions::default(), &Buffers::default());
         prop_assert!(!start.is_finite() || result.camera_from_world.is_finite());
         prop_assert_eq!(result.inlier.len(), observations.len());
     }

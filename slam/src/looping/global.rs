@@ -51,7 +51,13 @@ impl Adjustment {
         let positions: Vec<Vector3<f64>> = positions.collect();
         let poses = keyframes.iter().filter_map(|id| map.keyframe(*id));
         let poses = poses.map(|k| BaPose { camera_from_world: k.camera_from_world, fixed: fixed(k.id) }).collect();
-        let problem = BaProblem { camera: ctx.pinhole, bf: ctx.bf, poses, points: positions, observations };
+        let problem = BaProblem {
+            camera: ctx.pinhole,
+            bf: ctx.bf,
+            poses,
+            points: positions.into(),
+            observations: observations.into(),
+        };
         Self { keyframes, points, problem }
     }
 
@@ -74,6 +80,6 @@ impl Adjustment {
             && problem.points.iter().all(|p| p.iter().all(|v| v.is_finite()));
         let poses = problem.poses.iter().map(|p| Sim3::from(p.camera_from_world));
         let poses = self.keyframes.iter().copied().zip(poses).collect();
-        finite.then(|| (poses, self.points.into_iter().zip(self.problem.points).collect()))
+        finite.then(|| (poses, self.points.into_iter().zip(self.problem.points.iter().copied()).collect()))
     }
 }

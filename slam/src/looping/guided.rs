@@ -1,7 +1,7 @@
 //! A place: what a keyframe and its neighbours know about it, and finding that in another keyframe.
 
 use nalgebra::Vector3;
-use slam_math::{KeyFrameId, MapPointId, Se3, Sim3};
+use slam_math::{Buffers, KeyFrameId, MapPointId, Se3, Sim3};
 use slam_optimize::{
     DepthCamera, Measurement, PointPair, PoseObservation, PoseOptions, SimilarityOptions, optimize_pose,
     refine_similarity,
@@ -34,7 +34,7 @@ impl Place {
         let mut keyframes: Vec<KeyFrameId> = middle.best_covisible(neighbours).collect();
         keyframes.push(middle.id);
         keyframes.sort_unstable();
-        let points = map.points_seen_by(&keyframes);
+        let points = map.points_seen_by(&keyframes, &Buffers::default()).to_vec();
         Self { middle: middle.id, keyframes, points }
     }
 
@@ -88,7 +88,7 @@ impl Place {
             });
         }
         let limits = Limits { hamming: ctx.config.looping.hamming, ratio: 1.0 };
-        let found = search(&keyframe.obs, &queries, limits, |i| keyframe.usable[i]);
+        let found = search(&keyframe.obs, &queries, limits, &ctx.buffers, |i| keyframe.usable[i]);
         (found.iter().map(|m: &Match<MapPointId>| (m.index, m.key)).collect(), queries.len())
     }
 }
@@ -134,7 +134,8 @@ pub(super) fn refine(
         PoseObservation { point_in_world: *point, measurement }
     };
     let observations: Vec<PoseObservation> = known.iter().map(observe).collect();
-    let result = optimize_pose(&ctx.pinhole, ctx.bf, &observations, &start.to_se3(), &PoseOptions::default());
+    let (start, options) = (start.to_se3(), PoseOptions::default());
+    let result = optimize_pose(&ctx.pinhole, ctx.bf, &observations, &start, &options, &ctx.buffers);
     let used: Pairing = known.into_iter().map(|(pair, _)| pair).collect();
     let fitting = chosen(&used, &result.inlier);
     result.camera_from_world.is_finite().then_some((result.camera_from_world.into(), fitting))

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
-use slam_math::{KeyFrameId, MapId, MapPointId, Se3, Sim3};
+use slam_math::{Buffers, KeyFrameId, MapId, MapPointId, Se3, Sim3};
 
 use super::detect::LoopFound;
 use super::guided::Place;
@@ -41,7 +41,7 @@ impl Seam {
 
         let mut map = before.clone();
         map.apply(&MapEdit::Correct(Box::new(first_move(before, keyframe, middle, &window, found))));
-        let mut editor = Editor::new(&mut map);
+        let mut editor = Editor::new(&mut map, &ctx.buffers);
         for (index, point) in &found.pairs {
             pair(&mut editor, keyframe.id, *index, *point);
         }
@@ -49,14 +49,14 @@ impl Seam {
         for target in &targets {
             fuse_into(ctx, &mut editor, *target, &place.points);
         }
-        for point in editor.map().points_seen_by(&[keyframe.id]) {
+        for &point in &editor.map().points_seen_by(&[keyframe.id], &ctx.buffers) {
             editor.refresh(ctx, point);
         }
         for id in &targets {
             editor.apply(MapEdit::Connect(*id));
         }
         editor.apply(MapEdit::LinkLoop(found.keyframe, found.matched));
-        let journal = editor.finish().0.into_edits();
+        let journal = editor.finish().0.into_edits().to_vec();
         let joining = found.joins.then_some(keyframe.map);
         Some(Self { map, window, place, journal, scale: found.corrected_from_world.scale, joining })
     }
@@ -103,7 +103,7 @@ fn first_move(
     // What is seen moves along, whoever made it and whether that keyframe lives or not.
     let seen: Vec<MapPointId> = match found.joins {
         true => before.points().filter(|p| p.map == keyframe.map).map(|p| p.id).collect(),
-        false => before.points_seen_by(window),
+        false => before.points_seen_by(window, &Buffers::default()).to_vec(),
     };
     let away = |id: &MapPointId| before.point(*id).map(|p| (*id, by.transform(&p.position) - p.position));
     let join = Join { map: keyframe.map, into: middle.map, at: (keyframe.id, middle.id) };

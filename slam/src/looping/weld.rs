@@ -34,7 +34,7 @@ fn adjust_window(ctx: &Context, seam: &mut Seam, window: &[KeyFrameId]) -> Optio
     let mut keyframes: Vec<KeyFrameId> = window.iter().chain(&seam.place.keyframes).copied().collect();
     keyframes.sort_unstable();
     keyframes.dedup();
-    let points = seam.map.points_seen_by(window);
+    let points = seam.map.points_seen_by(window, &ctx.buffers).to_vec();
     let fixed = |id: KeyFrameId| window.binary_search(&id).is_err();
     let adjusted =
         Adjustment::new(ctx, &seam.map, keyframes, fixed, points).solve(ctx.config.looping.global_iterations.max(1));

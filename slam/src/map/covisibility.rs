@@ -1,7 +1,5 @@
 //! The covisibility graph and the spanning tree.
 
-use std::collections::BTreeMap;
-
 use slam_math::KeyFrameId;
 
 use super::Map;
@@ -13,14 +11,15 @@ impl Map {
     /// Counts shared points of a keyframe anew and links both sides; a keyframe without a parent gets one.
     pub(super) fn connect(&mut self, id: KeyFrameId) -> bool {
         let Some(keyframe) = self.keyframe(id) else { return false };
-        let mut shared: BTreeMap<KeyFrameId, u32> = BTreeMap::new();
+        let mut shared = vec![0u32; self.keyframes.next_index()];
         for point in keyframe.points.iter().flatten().filter_map(|p| self.point(*p)) {
             for sighting in &point.seen_in {
-                *shared.entry(sighting.keyframe).or_default() += 1;
+                shared[sighting.keyframe.index()] += 1;
             }
         }
-        shared.remove(&id);
-        let mut edges: Vec<(KeyFrameId, u32)> = shared.into_iter().collect();
+        shared[id.index()] = 0;
+        let others = shared.iter().enumerate().filter(|(_, weight)| **weight > 0);
+        let mut edges: Vec<_> = others.map(|(other, weight)| (KeyFrameId::from(other), *weight)).collect();
         sort_edges(&mut edges);
         let keep = edges.iter().filter(|(_, weight)| *weight >= MIN_SHARED).count();
         edges.truncate(keep.max(1));
@@ -41,7 +40,7 @@ impl Map {
         let parent =
             edges.iter().map(|(other, _)| *other).find(|other| *other < id && self.root_of(*other) != Some(id));
         let keyframe = self.keyframe_mut(id);
-        keyframe.covisible = edges;
+        keyframe.covisible = edges.into();
         if let (None, Some(parent)) = (keyframe.parent, parent) {
             keyframe.parent = Some(parent);
             self.add_child(parent, id);

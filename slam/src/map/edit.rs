@@ -115,7 +115,8 @@ impl Map {
     fn add_keyframe(&mut self, keyframe: &KeyFrame) -> bool {
         assert_eq!(keyframe.id, self.next_keyframe(), "keyframe ids count up");
         let mut keyframe = keyframe.clone();
-        let points = std::mem::replace(&mut keyframe.points, vec![None; keyframe.obs.len()]);
+        let points = keyframe.points.clone();
+        keyframe.points.fill(None);
         let id = KeyFrameId::from(self.keyframes.push(keyframe));
         for (index, point) in points.iter().enumerate() {
             if let Some(point) = point {

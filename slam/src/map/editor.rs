@@ -1,7 +1,7 @@
 //! Changes a map and remembers how.
 
 use serde::{Deserialize, Serialize};
-use slam_math::MapPointId;
+use slam_math::{Buffer, Buffers, MapPointId};
 
 use super::{EditCounts, Map, MapEdit};
 use crate::context::Context;
@@ -16,8 +16,8 @@ pub struct Editor<'a> {
 
 impl<'a> Editor<'a> {
     /// An editor with an empty journal.
-    pub fn new(map: &'a mut Map) -> Self {
-        let journal = Journal { edits: Vec::new(), first_new: map.next_point() };
+    pub fn new(map: &'a mut Map, buffers: &Buffers) -> Self {
+        let journal = Journal { edits: buffers.empty(), first_new: map.next_point() };
         Self { map, journal, counts: EditCounts::default() }
     }
 
@@ -25,11 +25,6 @@ impl<'a> Editor<'a> {
     #[must_use]
     pub fn map(&self) -> &Map {
         self.map
-    }
-
-    /// Makes room for so many edits at once.
-    pub fn reserve(&mut self, edits: usize) {
-        self.journal.edits.reserve(edits);
     }
 
     /// Applies an edit; false when its subject is gone.
@@ -52,10 +47,9 @@ impl<'a> Editor<'a> {
 
     /// Does to this map what a job did to a snapshot of it. What died since the snapshot stays dead: edits of it are
     /// counted as void. Points that the job made get the next free ids here.
-    pub fn replay(&mut self, journal: Journal) -> Renaming {
+    pub fn replay(&mut self, mut journal: Journal) -> Renaming {
         let mut renaming = Renaming { first_new: journal.first_new, now: Vec::new() };
-        self.reserve(journal.edits.len());
-        for edit in journal.edits {
+        for edit in journal.edits.drain(..) {
             let next = self.map.next_point();
             let makes_point = matches!(edit, MapEdit::AddPoint(_));
             let applied = match edit.renamed(|id| renaming.now(id)) {
@@ -82,7 +76,7 @@ impl<'a> Editor<'a> {
 /// Edits in order, all of which had an effect on the map they were made for.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Journal {
-    edits: Vec<MapEdit>,
+    edits: Buffer<MapEdit>,
     /// The id that the map gave to the first new point.
     first_new: MapPointId,
 }
@@ -96,7 +90,7 @@ impl Journal {
 
     /// The edits themselves.
     #[must_use]
-    pub fn into_edits(self) -> Vec<MapEdit> {
+    pub fn into_edits(self) -> Buffer<MapEdit> {
         self.edits
     }
 }

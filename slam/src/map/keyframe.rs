@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
-use slam_math::{FrameId, KeyFrameId, MapId, MapPointId, Se3, Stamp};
+use slam_math::{Buffer, FrameId, KeyFrameId, MapId, MapPointId, Se3, Stamp};
+use smallvec::SmallVec;
 
 use crate::observation::Observation;
 
@@ -23,17 +24,17 @@ pub struct KeyFrame {
     /// Keypoints that the panoptic filter lets into the map.
     pub usable: Arc<Vec<bool>>,
     /// Map point of each keypoint.
-    pub points: Vec<Option<MapPointId>>,
+    pub points: Buffer<Option<MapPointId>>,
     /// Pose.
     pub camera_from_world: Se3,
     /// Keyframes that share points: `(id, shared points)`, most first, then oldest first.
-    pub covisible: Vec<(KeyFrameId, u32)>,
+    pub covisible: Buffer<(KeyFrameId, u32)>,
     /// Parent in the spanning tree; `None` for the first keyframe of a map.
     pub parent: Option<KeyFrameId>,
     /// Children in the spanning tree, sorted.
-    pub children: Vec<KeyFrameId>,
+    pub children: SmallVec<[KeyFrameId; 8]>,
     /// Keyframes of the same place that a loop tied this one to, sorted.
-    pub loops: Vec<KeyFrameId>,
+    pub loops: SmallVec<[KeyFrameId; 8]>,
 }
 
 impl KeyFrame {

@@ -11,7 +11,7 @@ mod point;
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use slam_math::{IdVec, KeyFrameId, MapId, MapPointId, Se3};
+use slam_math::{Buffer, Buffers, IdVec, KeyFrameId, MapId, MapPointId, Se3};
 
 pub use check::MapProblem;
 pub use correction::{Correction, Join, moved_pose};
@@ -94,19 +94,19 @@ impl Map {
 
     /// Points that any of some keyframes observes, by id.
     #[must_use]
-    pub fn points_seen_by(&self, keyframes: &[KeyFrameId]) -> Vec<MapPointId> {
+    pub fn points_seen_by(&self, keyframes: &[KeyFrameId], buffers: &Buffers) -> Buffer<MapPointId> {
         // A bit a point: the lists of neighbours name mostly the same points, and to sort them all would cost more.
-        let mut seen = vec![0u64; self.points.next_index().div_ceil(64)];
+        let mut seen: Buffer<u64> = buffers.filled(self.points.next_index().div_ceil(64), 0);
         for keyframe in keyframes.iter().filter_map(|id| self.keyframe(*id)) {
             for point in keyframe.points.iter().flatten() {
                 seen[point.index() / 64] |= 1 << (point.index() % 64);
             }
         }
-        let mut points = Vec::with_capacity(seen.iter().map(|bits| bits.count_ones() as usize).sum());
-        for (i, mut bits) in seen.into_iter().enumerate() {
-            while bits != 0 {
+        let mut points = buffers.empty();
+        for (i, bits) in seen.iter_mut().enumerate() {
+            while *bits != 0 {
                 points.push(MapPointId::from(i * 64 + bits.trailing_zeros() as usize));
-                bits &= bits - 1;
+                *bits &= *bits - 1;
             }
         }
         points

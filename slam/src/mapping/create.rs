@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use slam_math::{KeyFrameId, MapId};
+use slam_math::{Buffer, KeyFrameId, MapId};
+use smallvec::SmallVec;
 
 use super::{Editor, YoungPoints};
 use crate::context::Context;
@@ -19,13 +20,13 @@ pub fn insert_keyframe(editor: &mut Editor<'_>, frame: &TrackedFrame, map: MapId
         stamp: frame.stamp,
         map,
         obs: frame.obs.clone(),
-        usable: Arc::new(frame.usable.clone()),
+        usable: Arc::new(frame.usable.to_vec()),
         points: frame.points.clone(),
         camera_from_world: frame.camera_from_world,
-        covisible: Vec::new(),
+        covisible: Buffer::default(),
         parent: None,
-        children: Vec::new(),
-        loops: Vec::new(),
+        children: SmallVec::new(),
+        loops: SmallVec::new(),
     };
     editor.apply(MapEdit::AddKeyFrame(Box::new(keyframe)));
     id
@@ -42,12 +43,12 @@ pub fn create_points_from_depth(
 ) -> u32 {
     let Some(keyframe) = editor.map().keyframe(id).cloned() else { return 0 };
     let obs = &keyframe.obs;
-    let mut by_depth = Vec::with_capacity(obs.len());
-    by_depth.extend((0..obs.len()).filter(|i| keyframe.usable[*i]).filter_map(|i| obs.depth(i).map(|z| (z, i))));
-    by_depth.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let usable = (0..obs.len()).filter(|i| keyframe.usable[*i]);
+    let mut by_depth = ctx.buffers.collect(usable.filter_map(|i| obs.depth(i).map(|z| (z, i))));
+    by_depth.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let world_from_camera = keyframe.camera_from_world.inverse();
     let mut created = 0;
-    for (rank, (z, i)) in by_depth.into_iter().enumerate() {
+    for (rank, &(z, i)) in by_depth.iter().enumerate() {
         if z > ctx.close_m && rank >= ctx.config.keyframes.min_points as usize {
             break;
         }

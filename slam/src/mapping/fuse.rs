@@ -1,6 +1,6 @@
 //! Points of neighbours that are one point in the world.
 
-use slam_math::{KeyFrameId, MapPointId};
+use slam_math::{Buffer, KeyFrameId, MapPointId};
 
 use super::Editor;
 use crate::context::Context;
@@ -13,25 +13,26 @@ use crate::tracking::appearance;
 pub(super) fn fuse_with_neighbours(ctx: &Context, editor: &mut Editor<'_>, id: KeyFrameId) -> u32 {
     let targets = neighbourhood(ctx, editor.map(), id);
     let mut changes = 0;
-    let own = editor.map().points_seen_by(&[id]);
+    let own = editor.map().points_seen_by(&[id], &ctx.buffers);
     for target in &targets {
         changes += fuse_into(ctx, editor, *target, &own);
     }
-    let theirs = editor.map().points_seen_by(&targets);
+    let theirs = editor.map().points_seen_by(&targets, &ctx.buffers);
     changes += fuse_into(ctx, editor, id, &theirs);
-    for point in editor.map().points_seen_by(&[id]) {
+    let own = editor.map().points_seen_by(&[id], &ctx.buffers);
+    for &point in &own {
         editor.refresh(ctx, point);
     }
     editor.apply(MapEdit::Connect(id));
     changes
 }
 
-fn neighbourhood(ctx: &Context, map: &Map, id: KeyFrameId) -> Vec<KeyFrameId> {
+fn neighbourhood(ctx: &Context, map: &Map, id: KeyFrameId) -> Buffer<KeyFrameId> {
     let m = &ctx.config.mapping;
-    let Some(keyframe) = map.keyframe(id) else { return Vec::new() };
-    let mut targets: Vec<KeyFrameId> = keyframe.best_covisible(m.neighbours).collect();
-    for first in targets.clone() {
-        let second = map.keyframe(first).into_iter().flat_map(|k| k.best_covisible(m.second_neighbours));
+    let Some(keyframe) = map.keyframe(id) else { return Buffer::default() };
+    let mut targets = ctx.buffers.collect(keyframe.best_covisible(m.neighbours));
+    for i in 0..targets.len() {
+        let second = map.keyframe(targets[i]).into_iter().flat_map(|k| k.best_covisible(m.second_neighbours));
         targets.extend(second.filter(|n| *n != id));
     }
     targets.sort_unstable();
@@ -46,11 +47,10 @@ pub fn fuse_into(ctx: &Context, editor: &mut Editor<'_>, target: KeyFrameId, poi
     let (obs, usable, camera_from_world) = (keyframe.obs.clone(), keyframe.usable.clone(), keyframe.camera_from_world);
     let center = keyframe.center();
     let candidates = points.iter().filter_map(|id| editor.map().point(*id));
-    let mut queries = Vec::with_capacity(points.len());
-    queries.extend(candidates.filter_map(|point| query(ctx, keyframe, &center, point)));
+    let queries = ctx.buffers.collect(candidates.filter_map(|point| query(ctx, keyframe, &center, point)));
     let limits = Limits { hamming: ctx.config.tracking.hamming_low, ratio: 1.0 };
     let mut changes = 0;
-    for m in search(&obs, &queries, limits, |i| usable[i]) {
+    for m in &search(&obs, &queries, limits, &ctx.buffers, |i| usable[i]) {
         // Earlier merges of this round may have changed who is where.
         let Some(point) = editor.map().point(m.key) else { continue };
         if !ctx.fits(&obs, m.index as usize, &camera_from_world.transform(&point.position))

@@ -1,6 +1,6 @@
 //! Local bundle adjustment: the newest keyframe, its neighbours and their points.
 
-use slam_math::{KeyFrameId, MapPointId};
+use slam_math::{Buffer, KeyFrameId, MapPointId};
 use slam_optimize::{BaObservation, BaOptions, BaPose, BaProblem, bundle_adjust};
 
 use super::Editor;
@@ -9,8 +9,8 @@ use crate::map::{Map, MapEdit};
 
 struct Window {
     /// Keyframes that move, sorted, then those held fixed, sorted.
-    keyframes: Vec<KeyFrameId>,
-    points: Vec<MapPointId>,
+    keyframes: Buffer<KeyFrameId>,
+    points: Buffer<MapPointId>,
     problem: BaProblem,
 }
 
@@ -29,8 +29,7 @@ pub(super) fn local_bundle_adjustment(ctx: &Context, editor: &mut Editor<'_>, id
     // later, starts from there.
     let iterations = ctx.config.mapping.ba_iterations as u32;
     let options = BaOptions { rounds: 1, iterations, relative_decrease: 1e-3, ..BaOptions::default() };
-    let observations = window.problem.observations.clone();
-    let report = bundle_adjust(&mut window.problem, &options);
+    let report = bundle_adjust(&mut window.problem, &options, &ctx.buffers);
     for (id, pose) in window.keyframes.iter().zip(&window.problem.poses).filter(|(_, pose)| !pose.fixed) {
         if pose.camera_from_world.is_finite() {
             editor.apply(MapEdit::SetPose(*id, pose.camera_from_world.normalized()));
@@ -42,11 +41,11 @@ pub(super) fn local_bundle_adjustment(ctx: &Context, editor: &mut Editor<'_>, id
         }
     }
     let mut dropped = 0;
-    for (observation, _) in observations.iter().zip(&report.outlier).filter(|(_, outlier)| **outlier) {
+    for (observation, _) in window.problem.observations.iter().zip(&report.outlier).filter(|(_, outlier)| **outlier) {
         let point = window.points[observation.point as usize];
         dropped += u32::from(editor.apply(MapEdit::Unobserve(point, window.keyframes[observation.pose as usize])));
     }
-    for point in window.points {
+    for &point in &window.points {
         match editor.map().point(point).map(|p| p.weight()) {
             // One view without depth fixes nothing.
             Some(0 | 1) => {
@@ -60,16 +59,16 @@ pub(super) fn local_bundle_adjustment(ctx: &Context, editor: &mut Editor<'_>, id
 
 fn collect(ctx: &Context, map: &Map, id: KeyFrameId) -> Option<Window> {
     let keyframe = map.keyframe(id)?;
-    let mut moving: Vec<KeyFrameId> = keyframe.best_covisible(ctx.config.mapping.ba_keyframes - 1).collect();
+    let mut moving = ctx.buffers.collect(keyframe.best_covisible(ctx.config.mapping.ba_keyframes - 1));
     moving.push(id);
     moving.sort_unstable();
-    let points = map.points_seen_by(&moving);
+    let points = map.points_seen_by(&moving, &ctx.buffers);
     let observers = points.iter().filter_map(|id| map.point(*id)).flat_map(|p| p.seen_in.iter().map(|s| s.keyframe));
-    let mut fixed: Vec<KeyFrameId> = observers.filter(|k| moving.binary_search(k).is_err()).collect();
+    let mut fixed = ctx.buffers.collect(observers.filter(|k| moving.binary_search(k).is_err()));
     fixed.sort_unstable();
     fixed.dedup();
     let moving_count = moving.len();
-    let keyframes: Vec<KeyFrameId> = moving.into_iter().chain(fixed).collect();
+    let keyframes = ctx.buffers.collect(moving.iter().chain(&fixed).copied());
     // The root of a map is its gauge; without any other fixed keyframe it alone is held.
     let poses = keyframes.iter().enumerate().filter_map(|(n, id)| {
         let keyframe = map.keyframe(*id)?;
@@ -79,8 +78,8 @@ fn collect(ctx: &Context, map: &Map, id: KeyFrameId) -> Option<Window> {
     let problem = BaProblem {
         camera: ctx.pinhole,
         bf: ctx.bf,
-        poses: poses.collect(),
-        points: points.iter().filter_map(|id| map.point(*id).map(|p| p.position)).collect(),
+        poses: ctx.buffers.collect(poses),
+        points: ctx.buffers.collect(points.iter().filter_map(|id| map.point(*id).map(|p| p.position))),
         observations: observations(ctx, map, &keyframes, moving_count, &points),
     };
     Some(Window { keyframes, points, problem })
@@ -92,14 +91,14 @@ fn observations(
     keyframes: &[KeyFrameId],
     moving: usize,
     points: &[MapPointId],
-) -> Vec<BaObservation> {
+) -> Buffer<BaObservation> {
     let position = |id: &KeyFrameId| {
         let in_fixed = || keyframes[moving..].binary_search(id).map(|n| n + moving);
         keyframes[..moving].binary_search(id).or_else(|_| in_fixed()).ok()
     };
-    let known = || points.iter().filter_map(|id| map.point(*id));
-    let mut out = Vec::with_capacity(known().map(|p| p.seen_in.len()).sum());
-    for (n, point) in known().enumerate() {
+    let known = points.iter().filter_map(|id| map.point(*id));
+    let mut out = ctx.buffers.empty();
+    for (n, point) in known.enumerate() {
         for sighting in &point.seen_in {
             let keyframe = map.keyframe(sighting.keyframe);
             if let (Some(pose), Some(keyframe)) = (position(&sighting.keyframe), keyframe) {

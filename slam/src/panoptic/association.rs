@@ -1,6 +1,7 @@
 //! Short-term association: which region of the last frame is this one? And the memory of where movers just were.
 
 use serde::{Deserialize, Serialize};
+use slam_math::Buffer;
 
 use super::{FrameFilter, NO_REGION, PanopticFilter, Region, RegionKind, Regions, Track};
 use crate::config::{MotionConfig, Rule};
@@ -30,37 +31,37 @@ impl PanopticFilter {
     /// Gives each region its track: the overlapping one of the last frame with the best intersection over union of
     /// masks, one to one, of the same kind and category; under the geometric rule what is left may change its label (a
     /// mover is often mislabelled for some frames). The rest starts new tracks. Cells of `ground` count for nothing.
-    pub(super) fn associate(&mut self, ctx: &Context, regions: &Regions, ground: &[bool]) -> Vec<Track> {
+    pub(super) fn associate(&mut self, ctx: &Context, regions: &Regions, ground: &[bool]) -> Buffer<Track> {
         let regions = &regions.without(ground);
-        let mut tracks: Vec<Option<Track>> = vec![None; regions.list.len()];
+        let mut tracks: Buffer<Option<Track>> = ctx.buffers.filled(regions.list.len(), None);
         if let Some(last) = &self.last
             && last.regions.cell.len() == regions.cell.len()
         {
-            let mut taken = vec![false; last.regions.list.len()];
-            for (before, now) in ranked_pairs(ctx, &last.regions, regions) {
+            let mut taken = ctx.buffers.filled(last.regions.list.len(), false);
+            for &Pair { before, now, .. } in &ranked_pairs(ctx, &last.regions, regions) {
                 if !taken[before] && tracks[now].is_none() {
                     taken[before] = true;
                     tracks[now] = Some(inherit(&last.tracks[before], &regions.list[now]));
                 }
             }
         }
-        let covered = self.covered(regions);
+        let covered = self.covered(ctx, regions);
         let mut next = self.next_track;
-        let start = |(i, track): (usize, Option<Track>)| {
+        let start = |(i, track): (usize, &Option<Track>)| {
             track.unwrap_or_else(|| {
                 next += 1;
                 let state = first_state(ctx, &regions.list[i], covered[i]);
                 Track { id: next - 1, state, age: 0, static_streak: 0, dynamic_streak: 0, moved_streak: 0 }
             })
         };
-        let tracks = tracks.into_iter().enumerate().map(start).collect();
+        let tracks = ctx.buffers.collect(tracks.iter().enumerate().map(start));
         self.next_track = next;
         tracks
     }
 
     /// For each region the cells that were static and those that moved a moment ago.
-    fn covered(&self, regions: &Regions) -> Vec<[u32; 2]> {
-        let mut covered = vec![[0; 2]; regions.list.len()];
+    fn covered(&self, ctx: &Context, regions: &Regions) -> Buffer<[u32; 2]> {
+        let mut covered = ctx.buffers.filled(regions.list.len(), [0; 2]);
         let Some(last) = self.last.as_ref().filter(|last| last.memory.len() == regions.cell.len()) else {
             return covered;
         };
@@ -73,7 +74,7 @@ impl PanopticFilter {
     }
 
     /// What each cell is remembered for after this frame's states.
-    pub(super) fn remembered(&self, ctx: &Context, frame: &FrameFilter) -> Vec<CellMemory> {
+    pub(super) fn remembered(&self, ctx: &Context, frame: &FrameFilter) -> Buffer<CellMemory> {
         let regions = &frame.regions;
         let before = self.last.as_ref().filter(|last| last.memory.len() == regions.cell.len());
         let filters = &ctx.config.panoptic;
@@ -99,21 +100,30 @@ impl PanopticFilter {
                 _ => faded,
             }
         };
-        regions.cell.iter().enumerate().map(cell_memory).collect()
+        ctx.buffers.collect(regions.cell.iter().enumerate().map(cell_memory))
     }
 }
 
-/// Pairs `(before, now)` that may be one object: same label first, then by falling overlap, then by index.
-fn ranked_pairs(ctx: &Context, last: &Regions, regions: &Regions) -> Vec<(usize, usize)> {
+/// Regions of the last frame and of this one that may be one object.
+#[derive(Clone, Copy)]
+struct Pair {
+    renamed: bool,
+    iou: f64,
+    before: usize,
+    now: usize,
+}
+
+/// All pairs: same label first, then by falling overlap, then by index.
+fn ranked_pairs(ctx: &Context, last: &Regions, regions: &Regions) -> Buffer<Pair> {
     let columns = regions.list.len();
-    let mut shared = vec![0u32; last.list.len() * columns];
+    let mut shared: Buffer<u32> = ctx.buffers.filled(last.list.len() * columns, 0);
     for (before, now) in last.cell.iter().zip(&regions.cell) {
         if *before != NO_REGION && *now != NO_REGION {
             shared[usize::from(*before) * columns + usize::from(*now)] += 1;
         }
     }
-    let mut pairs = Vec::new();
-    for (i, both) in shared.into_iter().enumerate().filter(|(_, n)| *n > 0) {
+    let mut pairs = ctx.buffers.empty();
+    for (i, &both) in shared.iter().enumerate().filter(|(_, n)| **n > 0) {
         let (a, b) = (&last.list[i / columns], &regions.list[i % columns]);
         let iou = f64::from(both) / f64::from(a.cells + b.cells - both);
         if a.blind != b.blind {
@@ -123,11 +133,15 @@ fn ranked_pairs(ctx: &Context, last: &Regions, regions: &Regions) -> Vec<(usize,
         let people = a.kind == RegionKind::Person || b.kind == RegionKind::Person;
         let may_change = ctx.config.panoptic.rule == Rule::Geometric && !people;
         if iou > ctx.config.panoptic.association.min_iou && (same || may_change) {
-            pairs.push((!same, iou, i / columns, i % columns));
+            pairs.push(Pair { renamed: !same, iou, before: i / columns, now: i % columns });
         }
     }
-    pairs.sort_by(|a, b| a.0.cmp(&b.0).then(b.1.total_cmp(&a.1)).then(a.2.cmp(&b.2)).then(a.3.cmp(&b.3)));
-    pairs.into_iter().map(|(_, _, before, now)| (before, now)).collect()
+    let by_index = |pair: &Pair| (pair.before, pair.now);
+    pairs.sort_unstable_by(|a, b| {
+        let by_overlap = || b.iou.total_cmp(&a.iou);
+        a.renamed.cmp(&b.renamed).then_with(by_overlap).then_with(|| by_index(a).cmp(&by_index(b)))
+    });
+    pairs
 }
 
 /// State of a region that starts a new track, `covered` by static and moving cells of the last frame. Real networks

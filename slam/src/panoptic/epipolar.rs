@@ -1,7 +1,7 @@
 //! Two-view geometry with the last frame: the fundamental matrix and distances to epipolar lines.
 
 use nalgebra::Matrix3;
-use slam_math::{FrameId, Rng, Se3, se3::skew};
+use slam_math::{Buffer, FrameId, Rng, Se3, se3::skew};
 use slam_optimize::{FundamentalOptions, epipolar_distance, fundamental_ransac};
 use slam_vision::nearest_two;
 
@@ -92,11 +92,11 @@ fn match_last(
     obs: &Observation,
     frame: &FrameFilter,
     octaves: u8,
-) -> Vec<(usize, usize)> {
+) -> Buffer<(usize, usize)> {
     let e = &ctx.config.panoptic.epipolar;
-    let all: Vec<u32> = (0..last.obs.len() as u32).collect();
-    let mut nearby = Vec::new();
-    let mut owner: Vec<Option<(u32, usize)>> = vec![None; last.obs.len()];
+    let all = ctx.buffers.collect(0..last.obs.len() as u32);
+    let mut nearby = ctx.buffers.empty();
+    let mut owner: Buffer<Option<(u32, usize)>> = ctx.buffers.filled(last.obs.len(), None);
     for i in (0..obs.len()).filter(|i| frame.class[*i] != KeypointClass::Person) {
         if e.radius_px > 0.0 {
             let (lowest, highest) = (obs.octave[i].saturating_sub(octaves), obs.octave[i].saturating_add(octaves));
@@ -118,7 +118,7 @@ fn match_last(
             owner[first.index as usize] = Some(claim);
         }
     }
-    let mut pairs: Vec<(usize, usize)> = owner.iter().enumerate().filter_map(|(j, o)| o.map(|(_, i)| (i, j))).collect();
+    let mut pairs = ctx.buffers.collect(owner.iter().enumerate().filter_map(|(j, o)| o.map(|(_, i)| (i, j))));
     pairs.sort_unstable();
     pairs
 }

@@ -4,9 +4,10 @@
 use nalgebra::Vector3;
 use slam_math::{FrameId, Se3, float};
 use slam_vision::nearest_two;
+use smallvec::smallvec;
 
 use super::association::Vote;
-use super::{FrameFilter, NO_REGION, RegionKind, Remembered, ground, rays};
+use super::{Few, FrameFilter, NO_REGION, RegionKind, Remembered, ground, rays};
 use crate::config::MotionConfig;
 use crate::context::Context;
 use crate::input::{DepthImage, Sensor};
@@ -36,7 +37,7 @@ pub(super) struct Now<'a> {
     /// Median depth of the map points in sight, if any are.
     pub scene_depth: Option<f64>,
     /// Older frames that are looked up for [`ground`] alone.
-    pub anchors: Vec<&'a Remembered>,
+    pub anchors: Few<&'a Remembered>,
 }
 
 /// What was counted about one region against one older frame.
@@ -67,7 +68,7 @@ impl Count {
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Evidence {
     /// Counts.
-    pub counts: Vec<Count>,
+    pub counts: Few<Count>,
 }
 
 impl Evidence {
@@ -121,7 +122,7 @@ impl Evidence {
 /// Fills `frame.evidence` and `frame.motion_sigmas`, and finds what is ground.
 pub(super) fn gather(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame: &mut FrameFilter) {
     for evidence in frame.evidence.iter_mut().chain([&mut frame.stuff]) {
-        evidence.counts = vec![Count::default(); older.len()];
+        evidence.counts = smallvec![Count::default(); older.len()];
     }
     ground::keep_blind(frame);
     if let Some(depth) = now.depth {
@@ -130,7 +131,7 @@ pub(super) fn gather(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame:
     frame.keypoint_ground = ground::keypoints(ctx, now, older, frame);
     let world_from_camera = now.camera_from_world.inverse();
     let by_depth = ctx.sensor == Sensor::Rgbd;
-    let mut nearby = Vec::new();
+    let mut nearby = ctx.buffers.empty();
     for i in 0..now.obs.len() {
         let is_searched = match frame.class[i] {
             KeypointClass::Person => false,
@@ -167,7 +168,7 @@ pub(super) fn gather(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame:
 
 fn count_samples(ctx: &Context, now: &Now<'_>, depth: &DepthImage, older: &[&Remembered], frame: &mut FrameFilter) {
     let world_from_camera = now.camera_from_world.inverse();
-    let mut seen = Vec::with_capacity(older.len());
+    let mut seen = Few::new();
     for row in (0..frame.regions.height).step_by(SAMPLE_STRIDE) {
         for column in (0..frame.regions.width).step_by(SAMPLE_STRIDE) {
             let cell = row * frame.regions.width + column;
@@ -291,8 +292,8 @@ pub(super) fn free_keypoints(ctx: &Context, now: &Now<'_>, older: &[&Remembered]
         return;
     }
     let world_from_camera = now.camera_from_world.inverse();
-    for i in (0..now.obs.len()).filter(|i| frame.verdict[*i] == Verdict::Static).collect::<Vec<_>>() {
-        let Some(z) = now.obs.depth(i) else { continue };
+    for i in 0..now.obs.len() {
+        let Some(z) = now.obs.depth(i).filter(|_| frame.verdict[i] == Verdict::Static) else { continue };
         let in_world = world_from_camera.transform(&ctx.camera.unproject(now.obs.pixel[i], z));
         if older.iter().any(|then| compare(ctx, then, &in_world) == Some(Seen::Farther)) {
             frame.verdict[i] = Verdict::FreeSpace;

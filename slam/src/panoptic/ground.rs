@@ -6,10 +6,11 @@
 //! use, and the place is not taken for a mover's. Only depth images can show it.
 
 use nalgebra::Vector3;
+use slam_math::Buffer;
 
 use super::association::{CellMemory, GROUND_FRAMES};
 use super::evidence::{Now, SAMPLE_STRIDE, Seen, compare};
-use super::{CELL_PX, FrameFilter, NO_REGION, PanopticFilter, RegionKind, Regions, Remembered};
+use super::{CELL_PX, Few, FrameFilter, NO_REGION, PanopticFilter, RegionKind, Regions, Remembered};
 use crate::config::Rule;
 use crate::context::Context;
 use crate::input::Sensor;
@@ -24,20 +25,21 @@ const MAX_ANCHORS: usize = 8;
 
 /// Cells that show background by their label and were not a mover's a moment ago. Ground that is only known by its place
 /// does not count: a surface that moves little from frame to frame would stay ground for ever.
-pub(super) fn labelled(frame: &FrameFilter) -> Vec<bool> {
-    frame.regions.cell.iter().zip(&frame.memory).map(|(r, memory)| *r == NO_REGION && memory.heat == 0).collect()
+pub(super) fn labelled(ctx: &Context, frame: &FrameFilter) -> Buffer<bool> {
+    let cells = frame.regions.cell.iter().zip(&frame.memory);
+    ctx.buffers.collect(cells.map(|(region, memory)| *region == NO_REGION && memory.heat == 0))
 }
 
 /// Cells of a region that were background a moment ago: all that is known without a pose.
-pub(super) fn expected(ctx: &Context, memory: &[CellMemory], regions: &Regions) -> Vec<bool> {
+pub(super) fn expected(ctx: &Context, memory: &[CellMemory], regions: &Regions) -> Buffer<bool> {
     if ctx.sensor != Sensor::Rgbd || ctx.config.panoptic.rule == Rule::Paper || memory.len() != regions.cell.len() {
-        return vec![false; regions.cell.len()];
+        return ctx.buffers.filled(regions.cell.len(), false);
     }
     let is_expected = |(memory, region): (&CellMemory, &u16)| {
         let region = regions.list.get(usize::from(*region));
         region.is_some_and(|region| memory.ground == GROUND_FRAMES || region.blind && memory.ground > 0)
     };
-    memory.iter().zip(&regions.cell).map(is_expected).collect()
+    ctx.buffers.collect(memory.iter().zip(&regions.cell).map(is_expected))
 }
 
 /// Of the cells that were expected to be ground, those without depth stay: nothing says otherwise.
@@ -62,10 +64,10 @@ fn showed(ctx: &Context, then: &Remembered, in_world: &Vector3<f64>) -> bool {
 }
 
 /// Whether a keypoint in a region lies on ground: its cell does, and so does its own depth if it has one.
-pub(super) fn keypoints(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame: &FrameFilter) -> Vec<bool> {
+pub(super) fn keypoints(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame: &FrameFilter) -> Buffer<bool> {
     let world_from_camera = now.camera_from_world.inverse();
     let by_depth = ctx.sensor == Sensor::Rgbd && now.depth.is_some();
-    let mut seen = Vec::with_capacity(older.len());
+    let mut seen = Few::new();
     let one = |i: usize| {
         if !by_depth || !matches!(frame.class[i], KeypointClass::Thing | KeypointClass::Unknown) {
             return false;
@@ -79,7 +81,7 @@ pub(super) fn keypoints(ctx: &Context, now: &Now<'_>, older: &[&Remembered], fra
         seen.extend(older.iter().map(|then| compare(ctx, then, &in_world)));
         stood_at(ctx, now, &in_world, &seen)
     };
-    (0..now.obs.len()).map(one).collect()
+    ctx.buffers.collect((0..now.obs.len()).map(one))
 }
 
 impl PanopticFilter {

@@ -20,7 +20,8 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
-use slam_math::{FrameId, Se3, Sim3};
+use slam_math::{Buffer, FrameId, Se3, Sim3};
+use smallvec::SmallVec;
 
 pub use association::CellMemory;
 pub use epipolar::Epipolar;
@@ -34,6 +35,9 @@ use crate::map::moved_pose;
 use crate::observation::Observation;
 use crate::report::{KeypointClass, RegionState, Selection, Verdict};
 
+/// A short list, one entry an older frame; longer ones than usual take memory of their own.
+type Few<T> = SmallVec<[T; 8]>;
+
 /// An older frame that the current one is compared with.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Remembered {
@@ -46,11 +50,11 @@ pub struct Remembered {
     /// Its keypoints.
     pub obs: Arc<Observation>,
     /// Class of each keypoint.
-    pub class: Vec<KeypointClass>,
+    pub class: Buffer<KeypointClass>,
     /// Region track of each keypoint.
-    pub track: Vec<Option<u32>>,
+    pub track: Buffer<Option<u32>>,
     /// Cells that were background by their label, apart from movers.
-    pub ground: Vec<bool>,
+    pub ground: Buffer<bool>,
 }
 
 /// A region followed over frames.
@@ -74,31 +78,31 @@ pub struct Track {
 #[derive(Debug, Clone)]
 pub struct FrameFilter {
     /// What each keypoint lies on.
-    pub class: Vec<KeypointClass>,
+    pub class: Buffer<KeypointClass>,
     /// Region of each keypoint, an index into `regions.list`.
-    pub region: Vec<Option<usize>>,
+    pub region: Buffer<Option<usize>>,
     /// The decision about each keypoint.
-    pub verdict: Vec<Verdict>,
+    pub verdict: Buffer<Verdict>,
     /// Residual under the static hypothesis in sigmas; NaN when not tested.
-    pub motion_sigmas: Vec<f64>,
+    pub motion_sigmas: Buffer<f64>,
     /// Regions of the picture.
     pub regions: Regions,
     /// Track of each region.
-    pub tracks: Vec<Track>,
+    pub tracks: Buffer<Track>,
     /// Evidence of each region.
-    pub evidence: Vec<Evidence>,
+    pub evidence: Buffer<Evidence>,
     /// The same counts for keypoints on Stuff: what false matches and a poor pose make of things that stand still.
     pub stuff: Evidence,
     /// Cells of a region whose surface is background all the same: it was there a moment ago.
-    pub ground: Vec<bool>,
+    pub ground: Buffer<bool>,
     /// The same for keypoints.
-    pub keypoint_ground: Vec<bool>,
+    pub keypoint_ground: Buffer<bool>,
     /// What each cell is or was a moment ago.
-    pub memory: Vec<CellMemory>,
+    pub memory: Buffer<CellMemory>,
     /// Two-view geometry with the last frame.
     pub epipolar: Option<Epipolar>,
     /// Distance of each keypoint to the epipolar line of its match; NaN without match or geometry.
-    pub epipolar_px: Vec<f64>,
+    pub epipolar_px: Buffer<f64>,
 }
 
 impl FrameFilter {
@@ -111,18 +115,17 @@ impl FrameFilter {
     /// Keypoints that tracking may use, and how they were chosen: static ones; if those are fewer than
     /// `tracking.min_static_keypoints`, unconfirmed ones too; if that is still not enough, all but people and movers.
     #[must_use]
-    pub fn select(&self, ctx: &Context) -> (Selection, Vec<bool>) {
+    pub fn select(&self, ctx: &Context) -> (Selection, Buffer<bool>) {
         let admits = |selection: Selection, v: Verdict| match selection {
             Selection::Static => v == Verdict::Static,
             Selection::WithUnconfirmed => matches!(v, Verdict::Static | Verdict::ThingNew | Verdict::UnknownNew),
             Selection::AllButMovers => !matches!(v, Verdict::Person | Verdict::ThingDynamic | Verdict::UnknownDynamic),
         };
         let order = [Selection::Static, Selection::WithUnconfirmed, Selection::AllButMovers];
-        let usable = |s: Selection| self.verdict.iter().map(|v| admits(s, *v)).collect::<Vec<bool>>();
         let enough = ctx.config.tracking.min_static_keypoints as usize;
         let choice = order.into_iter().find(|s| self.verdict.iter().filter(|v| admits(*s, **v)).count() >= enough);
         let choice = choice.unwrap_or(Selection::AllButMovers);
-        (choice, usable(choice))
+        (choice, ctx.buffers.collect(self.verdict.iter().map(|v| admits(choice, *v))))
     }
 }
 
@@ -142,8 +145,8 @@ pub struct PanopticFilter {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct LastRegions {
     regions: Regions,
-    tracks: Vec<Track>,
-    memory: Vec<CellMemory>,
+    tracks: Buffer<Track>,
+    memory: Buffer<CellMemory>,
 }
 
 impl PanopticFilter {
@@ -155,24 +158,24 @@ impl PanopticFilter {
         let ground = ground::expected(ctx, before, &regions);
         let tracks = self.associate(ctx, &regions, &ground);
         let (class, region) = verdict::classify(ctx, input, obs, &regions);
-        let n = obs.len();
+        let (n, buffers) = (obs.len(), &ctx.buffers);
         let mut frame = FrameFilter {
             class,
             region,
-            verdict: vec![Verdict::Static; n],
-            motion_sigmas: vec![f64::NAN; n],
-            evidence: vec![Evidence::default(); regions.list.len()],
+            verdict: buffers.filled(n, Verdict::Static),
+            motion_sigmas: buffers.filled(n, f64::NAN),
+            evidence: buffers.filled(regions.list.len(), Evidence::default()),
             stuff: Evidence::default(),
             regions,
             tracks,
             ground,
-            keypoint_ground: vec![false; n],
-            memory: Vec::new(),
+            keypoint_ground: buffers.empty(),
+            memory: buffers.empty(),
             epipolar: None,
-            epipolar_px: vec![f64::NAN; n],
+            epipolar_px: buffers.filled(n, f64::NAN),
         };
         frame.memory = self.remembered(ctx, &frame);
-        frame.keypoint_ground = (0..n).map(|i| frame.on_ground(obs.raw_pixel[i])).collect();
+        frame.keypoint_ground = buffers.collect((0..n).map(|i| frame.on_ground(obs.raw_pixel[i])));
         if ctx.config.panoptic.rule == Rule::Paper
             && let Some(last) = self.history.back()
         {
@@ -236,7 +239,7 @@ impl PanopticFilter {
             return;
         };
         self.blind_frames = 0;
-        let track = frame.region.iter().map(|r| r.map(|r| frame.tracks[r].id)).collect();
+        let track = ctx.buffers.collect(frame.region.iter().map(|r| r.map(|r| frame.tracks[r].id)));
         self.history.push_back(Remembered {
             id: input.id,
             camera_from_world: *pose,
@@ -244,7 +247,7 @@ impl PanopticFilter {
             obs: obs.clone(),
             class: frame.class.clone(),
             track,
-            ground: ground::labelled(frame),
+            ground: ground::labelled(ctx, frame),
         });
         self.drop_anchor();
         let oldest = ctx.config.panoptic.motion.history_frames.iter().copied().max().unwrap_or(1) as usize;
@@ -275,8 +278,8 @@ impl PanopticFilter {
     }
 
     /// The remembered frames of the configured ages, youngest first.
-    fn compared_with(&self, ctx: &Context, now: FrameId) -> Vec<&Remembered> {
-        let mut ages = ctx.config.panoptic.motion.history_frames.clone();
+    fn compared_with(&self, ctx: &Context, now: FrameId) -> Few<&Remembered> {
+        let mut ages: Few<u32> = ctx.config.panoptic.motion.history_frames.iter().copied().collect();
         ages.sort_unstable();
         let with_age = |age: u32| self.history.iter().rev().find(|r| now.0 - r.id.0 == age);
         ages.into_iter().filter_map(with_age).collect()

@@ -1,8 +1,7 @@
 //! Parts of the picture that may move: Things, people, and connected unknown areas, on a grid of small cells.
 
-use std::collections::VecDeque;
-
 use serde::{Deserialize, Serialize};
+use slam_math::Buffer;
 
 use crate::context::Context;
 use crate::input::{FrameInput, PanopticMask};
@@ -48,9 +47,9 @@ pub struct Regions {
     /// Rows of cells.
     pub height: usize,
     /// Region index per cell, or [`NO_REGION`].
-    pub cell: Vec<u16>,
+    pub cell: Buffer<u16>,
     /// Segments in id order, then unknown areas in scan order.
-    pub list: Vec<Region>,
+    pub list: Buffer<Region>,
 }
 
 impl Regions {
@@ -58,7 +57,8 @@ impl Regions {
     #[must_use]
     pub fn new(ctx: &Context, input: &FrameInput) -> Self {
         let (width, height) = (input.gray.width / CELL_PX, input.gray.height / CELL_PX);
-        let mut regions = Self { width, height, cell: vec![NO_REGION; width * height], list: Vec::new() };
+        let cell = ctx.buffers.filled(width * height, NO_REGION);
+        let mut regions = Self { width, height, cell, list: ctx.buffers.empty() };
         if let Some(mask) = input.panoptic.as_deref() {
             let unknown = regions.add_segments(ctx, mask);
             regions.add_unknown(ctx, input, unknown);
@@ -86,8 +86,8 @@ impl Regions {
     }
 
     /// Claims the cells of Things and people; returns which cells no segment claims.
-    fn add_segments(&mut self, ctx: &Context, mask: &PanopticMask) -> Vec<bool> {
-        let mut region_of = vec![None; mask.segments.len()];
+    fn add_segments(&mut self, ctx: &Context, mask: &PanopticMask) -> Buffer<bool> {
+        let mut region_of = ctx.buffers.filled(mask.segments.len(), None);
         for (i, segment) in mask.segments.iter().enumerate() {
             let person = ctx.people.contains(&segment.category);
             if person || ctx.is_thing(segment.category) {
@@ -103,7 +103,7 @@ impl Regions {
                 });
             }
         }
-        let mut unknown = vec![false; self.cell.len()];
+        let mut unknown = ctx.buffers.filled(self.cell.len(), false);
         for (cell, is_unknown) in unknown.iter_mut().enumerate() {
             let (x, y) = self.center(cell);
             match mask.segments.binary_search_by_key(&mask.at(x, y), |s| s.id) {
@@ -115,19 +115,20 @@ impl Regions {
     }
 
     /// Splits unknown cells into connected areas without a depth step inside.
-    fn add_unknown(&mut self, ctx: &Context, input: &FrameInput, mut unknown: Vec<bool>) {
+    fn add_unknown(&mut self, ctx: &Context, input: &FrameInput, mut unknown: Buffer<bool>) {
         let share = ctx.config.panoptic.motion.depth_step_share;
         let depth_of = |cell: usize, regions: &Self| {
             let (x, y) = regions.center(cell);
             input.depth.as_deref().and_then(|d| d.metres(x, y)).unwrap_or(0.0)
         };
-        let depth: Vec<f64> = (0..self.cell.len()).map(|c| depth_of(c, self)).collect();
+        let depth: Buffer<f64> = ctx.buffers.collect((0..self.cell.len()).map(|c| depth_of(c, self)));
         let joined = |a: usize, b: usize| match (depth[a] > 0.0, depth[b] > 0.0) {
             (true, true) => (depth[a] - depth[b]).abs() <= share * depth[a] + ctx.config.panoptic.motion.free_space_m,
             (false, false) => true,
             _ => false,
         };
-        let mut queue = VecDeque::new();
+        // Cells that are reached and whose neighbours are to be looked at; in which order makes no difference.
+        let mut reached = ctx.buffers.empty();
         for start in 0..self.cell.len() {
             if !unknown[start] || self.list.len() >= usize::from(NO_REGION) {
                 continue;
@@ -137,13 +138,13 @@ impl Regions {
             let kind = RegionKind::Unknown;
             self.list.push(Region { kind, segment: 0, category: 0, blind, cells: 0, extent: [0; 4] });
             unknown[start] = false;
-            queue.push_back(start);
-            while let Some(cell) = queue.pop_front() {
+            reached.push(start);
+            while let Some(cell) = reached.pop() {
                 self.cell[cell] = region;
                 for next in self.neighbours(cell).into_iter().flatten() {
                     if unknown[next] && joined(cell, next) {
                         unknown[next] = false;
-                        queue.push_back(next);
+                        reached.push(next);
                     }
                 }
             }

@@ -1,5 +1,7 @@
 //! Keypoint classes and verdicts.
 
+use slam_math::Buffer;
+
 use super::{CELL_PX, FrameFilter, NO_REGION, RegionKind, Regions};
 use crate::config::Rule;
 use crate::context::Context;
@@ -14,10 +16,10 @@ pub(super) fn classify(
     input: &FrameInput,
     obs: &Observation,
     regions: &Regions,
-) -> (Vec<KeypointClass>, Vec<Option<usize>>) {
-    let Some(mask) = input.panoptic.as_deref() else {
-        return (vec![KeypointClass::Stuff; obs.len()], vec![None; obs.len()]);
-    };
+) -> (Buffer<KeypointClass>, Buffer<Option<usize>>) {
+    let n = obs.len();
+    let (mut class, mut region) = (ctx.buffers.filled(n, KeypointClass::Stuff), ctx.buffers.filled(n, None));
+    let Some(mask) = input.panoptic.as_deref() else { return (class, region) };
     let one = |i: usize| match mask.segment(obs.label[i]) {
         None => (KeypointClass::Unknown, unknown_region(regions, obs.raw_pixel[i])),
         Some(segment) => {
@@ -32,7 +34,10 @@ pub(super) fn classify(
             (class, region)
         }
     };
-    (0..obs.len()).map(one).unzip()
+    for i in 0..n {
+        (class[i], region[i]) = one(i);
+    }
+    (class, region)
 }
 
 fn unknown_region(regions: &Regions, pixel: [f64; 2]) -> Option<usize> {
@@ -99,15 +104,17 @@ fn by_epipolar_distance(ctx: &Context, frame: &FrameFilter, i: usize) -> Verdict
 }
 
 /// Cells within `border_px` of a cell that is or just was a person or a mover. The paper has no margin.
-fn near_movers(ctx: &Context, frame: &FrameFilter) -> Vec<bool> {
+fn near_movers(ctx: &Context, frame: &FrameFilter) -> Buffer<bool> {
     let (width, height) = (frame.regions.width, frame.regions.height);
-    let hot: Vec<bool> = frame.memory.iter().map(|memory| memory.heat > 0).collect();
+    let cells = frame.memory.len();
+    let mut square = ctx.buffers.filled(cells, false);
     if ctx.config.panoptic.rule == Rule::Paper {
-        return vec![false; hot.len()];
+        return square;
     }
+    let hot = ctx.buffers.collect(frame.memory.iter().map(|memory| memory.heat > 0));
     let reach = (ctx.config.panoptic.motion.border_px as usize).div_ceil(CELL_PX);
     // A square is a row of rows: along x, then along y, each line once forwards and once backwards.
-    let (mut wide, mut square) = (vec![false; hot.len()], vec![false; hot.len()]);
+    let mut wide = ctx.buffers.filled(cells, false);
     for y in 0..height {
         let line = (0..width).map(|x| y * width + x);
         smear(&hot, &mut wide, reach, line.clone());

@@ -22,7 +22,7 @@ pub(super) fn doubt_points(
     frame: &TrackedFrame,
     local: &LocalMap,
 ) -> u32 {
-    let found = frame.matched_points();
+    let found = frame.matched_points(&ctx.buffers);
     let mut removed = 0;
     for (id, pixel, z) in &local.in_view {
         let Some(doubts) = editor.map().point(*id).map(|p| p.doubts) else { continue };

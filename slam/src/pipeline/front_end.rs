@@ -63,12 +63,12 @@ impl FrontEnd {
         let camera = &self.ctx.camera;
         let (Sensor::Stereo { bf }, Some(right)) = (self.ctx.sensor, &input.right) else {
             let features = self.extractor.extract_with(&input.gray, parts, workspace);
-            return Observation::new(features, input, camera, &self.ctx.config.sensor);
+            return Observation::new(features, input, camera, &self.ctx.config.sensor, &workspace.buffers);
         };
         let options = self.stereo_options();
         let (features, disparity) = self.extractor.extract_pair(&input.gray, right, parts, &options, workspace);
-        let depth_m = disparity.iter().map(|d| d.map_or(0.0, |d| bf / d)).collect();
-        Observation::with_depth(features, depth_m, input.panoptic.as_deref(), camera)
+        let depth_m = workspace.buffers.collect(disparity.iter().map(|d| d.map_or(0.0, |d| bf / d)));
+        Observation::with_depth(features, depth_m, input.panoptic.as_deref(), camera, &workspace.buffers)
     }
 
     fn stereo_options(&self) -> StereoOptions {

@@ -103,7 +103,7 @@ impl Job {
     /// Does the work: a pure function of the job.
     #[must_use]
     pub fn run(mut self) -> JobResult {
-        let mut editor = Editor::new(&mut self.map);
+        let mut editor = Editor::new(&mut self.map, &self.ctx.buffers);
         let outcome = match self.task {
             Task::Mapping { keyframe, mut young } => {
                 let counts = local_mapping(&self.ctx, &mut editor, &mut young, keyframe);

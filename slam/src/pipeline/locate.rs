@@ -65,7 +65,7 @@ impl Step<'_> {
     /// Final verdicts under the predicted pose; matches of keypoints that turned out to move are dropped.
     fn judge(&mut self, filter: &mut FrameFilter) {
         let (pose, obs) = (self.frame.camera_from_world, self.frame.obs.clone());
-        let scene_depth = self.frame.median_depth(&self.slam.map);
+        let scene_depth = self.frame.median_depth(&self.slam.map, &self.ctx.buffers);
         self.slam.filter.judge(&self.ctx, self.input, &obs, &pose, scene_depth, filter);
         self.select(filter);
         for (point, usable) in self.frame.points.iter_mut().zip(&self.frame.usable) {
@@ -96,9 +96,8 @@ impl Step<'_> {
     }
 
     fn count_sights(&mut self, local: LocalMap) {
-        let found = self.frame.matched_points();
+        let found = self.frame.matched_points(&self.ctx.buffers);
         self.edit(|_, editor, _| {
-            editor.reserve(local.in_view.len());
             for (id, ..) in &local.in_view {
                 editor.apply(MapEdit::CountSight(*id, found.binary_search(id).is_ok()));
             }

@@ -2,7 +2,7 @@
 //! machine. With a lag of 0 it takes effect at the end of its own frame: the plain sequential system, by the same code.
 
 use serde::{Deserialize, Serialize};
-use slam_math::{FrameId, KeyFrameId};
+use slam_math::{Buffer, FrameId, KeyFrameId};
 
 use super::job::{Executor, Job, JobKind, JobResult, Outcome, Task, Ticket};
 use super::{Slam, SlamError};
@@ -63,7 +63,7 @@ impl Schedule {
 
 /// What the application of a job's result did.
 pub(super) struct Applied {
-    pub edits: Vec<MapEdit>,
+    pub edits: Buffer<MapEdit>,
     pub counts: EditCounts,
     pub mapping: MappingCounts,
     /// What the application of a loop says.
@@ -92,7 +92,7 @@ impl Slam {
                 scale = self.rescale(correction);
             }
         }
-        let mut editor = Editor::new(&mut self.map);
+        let mut editor = Editor::new(&mut self.map, &self.front_end.context().buffers);
         let renaming = editor.replay(result.journal);
         let (journal, counts) = editor.finish();
         let edits = journal.into_edits();

@@ -1,5 +1,6 @@
 //! What moves must not use up the keypoints of what stands still: parts of the picture that share them by area.
 
+use slam_math::Buffer;
 use slam_vision::Parts;
 
 use crate::context::Context;
@@ -16,7 +17,7 @@ const UNKNOWN: usize = 2;
 pub(super) struct LabelShares<'a> {
     mask: &'a PanopticMask,
     /// Part of each of the mask's segments.
-    part: Vec<Option<usize>>,
+    part: Buffer<Option<usize>>,
     shares: [f64; 3],
 }
 
@@ -31,7 +32,7 @@ impl<'a> LabelShares<'a> {
                 Some(STUFF)
             }
         };
-        let part = mask.segments.iter().map(|segment| part_of(segment.category)).collect();
+        let part = ctx.buffers.collect(mask.segments.iter().map(|segment| part_of(segment.category)));
         let mut shares = Self { mask, part, shares: [0.0; 3] };
         let mut counts = [0u32; 3];
         for row in mask.ids.chunks_exact(mask.width).step_by(STRIDE) {

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use slam_math::{KeyFrameId, Se3, Sim3};
+use slam_math::{Buffer, KeyFrameId, Se3, Sim3};
 
 use super::{Executor, Observer, Slam, SlamError, Tracker, Work, record, trajectory};
 use crate::context::Context;
@@ -27,7 +27,7 @@ pub(super) struct Step<'a> {
     pub new_keyframe: Option<KeyFrameId>,
     /// The keyframe around which local mapping is to be done.
     pub mapping_due: Option<KeyFrameId>,
-    journal: Vec<MapEdit>,
+    journal: Buffer<MapEdit>,
     edits: EditCounts,
     pub events: Vec<Event>,
 }
@@ -40,19 +40,20 @@ impl<'a> Step<'a> {
         executor: &'a mut dyn Executor,
         observer: &'a mut dyn Observer,
     ) -> Self {
-        let n = obs.len();
+        let (n, ctx) = (obs.len(), slam.front_end.shared_context());
         let frame = TrackedFrame {
             id: input.id,
             stamp: input.stamp,
             obs,
-            usable: vec![true; n],
-            points: vec![None; n],
+            usable: ctx.buffers.filled(n, true),
+            points: ctx.buffers.filled(n, None),
             camera_from_world: Se3::identity(),
             reference: KeyFrameId(0),
             camera_from_reference: Se3::identity(),
         };
         Self {
-            ctx: slam.front_end.shared_context(),
+            journal: ctx.buffers.empty(),
+            ctx,
             slam,
             input,
             frame,
@@ -62,7 +63,6 @@ impl<'a> Step<'a> {
             selection: Selection::default(),
             new_keyframe: None,
             mapping_due: None,
-            journal: vec![],
             edits: EditCounts::default(),
             events: vec![],
         }
@@ -118,10 +118,10 @@ impl<'a> Step<'a> {
         let mut any = false;
         while let Some(result) = self.slam.schedule.take_due(self.frame.id, self.executor)? {
             self.observer.done(Work::Jobs);
-            let applied = self.slam.apply_job(result);
+            let mut applied = self.slam.apply_job(result);
             self.edits.applied += applied.counts.applied;
             self.edits.void += applied.counts.void;
-            self.journal.extend(applied.edits);
+            self.journal.append(&mut applied.edits);
             self.counts.points_created += applied.mapping.triangulated;
             self.counts.points_culled += applied.mapping.culled;
             self.counts.points_fused += applied.mapping.fused;
@@ -156,12 +156,12 @@ impl<'a> Step<'a> {
     }
 
     pub(super) fn edit<R>(&mut self, f: impl FnOnce(&Context, &mut Editor<'_>, &mut YoungPoints) -> R) -> R {
-        let mut editor = Editor::new(&mut self.slam.map);
+        let mut editor = Editor::new(&mut self.slam.map, &self.ctx.buffers);
         let result = f(&self.ctx, &mut editor, &mut self.slam.young);
         let (journal, counts) = editor.finish();
         self.edits.applied += counts.applied;
         self.edits.void += counts.void;
-        self.journal.extend(journal.into_edits());
+        self.journal.append(&mut journal.into_edits());
         result
     }
 
@@ -190,7 +190,7 @@ impl<'a> Step<'a> {
         self.counts.keyframes = self.slam.map.keyframe_count() as u32;
         self.counts.map_points = self.slam.map.point_count() as u32;
         let mut report = self.report(tracked, filter);
-        report.records = vec![
+        let records = [
             record::features(&self.frame.obs),
             record::regions(filter),
             record::verdicts(filter, &self.counts),
@@ -198,6 +198,7 @@ impl<'a> Step<'a> {
             record::pose(&report),
             record::map(&self.journal, self.edits, &self.counts),
         ];
+        report.records.extend(records);
         self.observer.done(Work::Report);
         report
     }

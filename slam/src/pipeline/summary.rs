@@ -5,8 +5,8 @@ use crate::panoptic::{CELL_PX, Evidence, FrameFilter, Region, Track};
 use crate::report::{EpipolarReport, FrameReport, KeypointReport, RegionReport};
 
 impl Step<'_> {
-    pub(super) fn report(&self, tracked: bool, filter: &FrameFilter) -> FrameReport {
-        let obs = &self.frame.obs;
+    pub(super) fn report(&mut self, tracked: bool, filter: &FrameFilter) -> FrameReport {
+        let (obs, buffers) = (&self.frame.obs, &self.ctx.buffers);
         let keypoint = |i: usize| KeypointReport {
             pixel: obs.raw_pixel[i],
             octave: obs.octave[i],
@@ -26,8 +26,8 @@ impl Step<'_> {
             reference: tracked.then_some(self.frame.reference),
             new_keyframe: self.new_keyframe,
             selection: self.selection,
-            keypoints: (0..obs.len()).map(keypoint).collect(),
-            regions: region_reports(filter),
+            keypoints: buffers.collect((0..obs.len()).map(keypoint)),
+            regions: buffers.collect(region_reports(filter)),
             region_cells: (filter.regions.width, filter.regions.height, filter.regions.cell.clone()),
             epipolar: filter.epipolar.map(|e| EpipolarReport {
                 matches: e.matches,
@@ -36,15 +36,15 @@ impl Step<'_> {
                 matrix: std::array::from_fn(|i| e.matrix[(i / 3, i % 3)]),
             }),
             counts: self.counts,
-            events: self.events.clone(),
-            records: Vec::new(),
+            events: std::mem::take(&mut self.events),
+            records: buffers.empty(),
         }
     }
 }
 
-fn region_reports(filter: &FrameFilter) -> Vec<RegionReport> {
+fn region_reports(filter: &FrameFilter) -> impl Iterator<Item = RegionReport> {
     let px = |cells: u16| f64::from(cells) * CELL_PX as f64;
-    let one = |((region, track), evidence): ((&Region, &Track), &Evidence)| {
+    let one = move |((region, track), evidence): ((&Region, &Track), &Evidence)| {
         let [x0, x1, y0, y1] = region.extent;
         let last = evidence.counts.last().copied().unwrap_or_default();
         RegionReport {
@@ -60,5 +60,5 @@ fn region_reports(filter: &FrameFilter) -> Vec<RegionReport> {
             keypoints: last.keypoints,
         }
     };
-    filter.regions.list.iter().zip(&filter.tracks).zip(&filter.evidence).map(one).collect()
+    filter.regions.list.iter().zip(&filter.tracks).zip(&filter.evidence).map(one)
 }

@@ -1,8 +1,6 @@
 //! Matching against the neighbourhood of the camera.
 
-use std::collections::BTreeMap;
-
-use slam_math::{KeyFrameId, MapPointId};
+use slam_math::{Buffer, KeyFrameId, MapPointId};
 
 use super::predict::depth_tolerance;
 use super::{TrackedFrame, refine_pose};
@@ -21,29 +19,30 @@ pub struct LocalMap {
     /// Keyframe with the most shared points.
     pub reference: Option<KeyFrameId>,
     /// Points of the neighbourhood, by id.
-    pub points: Vec<MapPointId>,
+    pub points: Buffer<MapPointId>,
     /// Points that should be visible in the frame: `(point, pixel, depth in metres)`.
-    pub in_view: Vec<(MapPointId, [f64; 2], f64)>,
+    pub in_view: Buffer<(MapPointId, [f64; 2], f64)>,
 }
 
 impl LocalMap {
     /// Keyframes that share points with the frame, their neighbours in graph and tree, and all their points.
     #[must_use]
     pub fn around(ctx: &Context, map: &Map, frame: &TrackedFrame) -> Self {
-        let mut votes: BTreeMap<KeyFrameId, u32> = BTreeMap::new();
+        let mut votes: Buffer<u32> = ctx.buffers.filled(map.next_keyframe().index(), 0);
         for (_, id) in frame.matches() {
             for sighting in map.point(id).iter().flat_map(|p| &p.seen_in) {
-                *votes.entry(sighting.keyframe).or_default() += 1;
+                votes[sighting.keyframe.index()] += 1;
             }
         }
-        if votes.is_empty() {
-            votes.insert(frame.reference, 1);
+        let voted = votes.iter().enumerate().filter(|(_, n)| **n > 0);
+        let mut order = ctx.buffers.collect(voted.map(|(id, n)| (KeyFrameId::from(id), *n)));
+        if order.is_empty() {
+            order.push((frame.reference, 1));
         }
-        let mut order: Vec<(KeyFrameId, u32)> = votes.into_iter().collect();
-        order.sort_by_key(|(id, n)| (std::cmp::Reverse(*n), *id));
+        order.sort_unstable_by_key(|(id, n)| (std::cmp::Reverse(*n), *id));
         let limit = ctx.config.tracking.local_keyframes;
         order.truncate(limit);
-        let mut keyframes: Vec<KeyFrameId> = order.iter().map(|(id, _)| *id).collect();
+        let mut keyframes = ctx.buffers.collect(order.iter().map(|(id, _)| *id));
         for (id, _) in &order {
             let Some(keyframe) = map.keyframe(*id) else { continue };
             let neighbour = keyframe.best_covisible(10).find(|n| !keyframes.contains(n));
@@ -54,16 +53,15 @@ impl LocalMap {
                 }
             }
         }
-        let points = map.points_seen_by(&keyframes);
-        Self { reference: order.first().map(|(id, _)| *id), points, in_view: Vec::new() }
+        let points = map.points_seen_by(&keyframes, &ctx.buffers);
+        Self { reference: order.first().map(|(id, _)| *id), points, in_view: ctx.buffers.empty() }
     }
 
-    fn find_in_view(&mut self, ctx: &Context, map: &Map, frame: &TrackedFrame) -> Vec<Query<MapPointId>> {
+    fn find_in_view(&mut self, ctx: &Context, map: &Map, frame: &TrackedFrame) -> Buffer<Query<MapPointId>> {
         let center = frame.camera_from_world.inverse().translation;
-        let matched = frame.matched_points();
-        let mut queries = Vec::with_capacity(self.points.len());
+        let matched = frame.matched_points(&ctx.buffers);
+        let mut queries = ctx.buffers.empty();
         self.in_view.clear();
-        self.in_view.reserve(self.points.len());
         for point in self.points.iter().filter_map(|id| map.point(*id)) {
             let Some((pixel, z)) = project(&ctx.camera, &frame.camera_from_world, &point.position) else { continue };
             let Some((octave, cos)) = appearance(ctx, point, &center) else { continue };
@@ -105,7 +103,7 @@ pub fn track_local_map(ctx: &Context, map: &Map, local: &mut LocalMap, frame: &m
     let t = &ctx.config.tracking;
     let limits = Limits { hamming: t.hamming_high, ratio: t.ratio };
     let free = |i: usize| frame.usable[i] && frame.points[i].is_none();
-    for m in search(&frame.obs, &queries, limits, free) {
+    for m in &search(&frame.obs, &queries, limits, &ctx.buffers, free) {
         frame.points[m.index as usize] = Some(m.key);
     }
     (frame.match_count(), refine_pose(ctx, map, frame))

@@ -10,7 +10,7 @@ mod two_views;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
-use slam_math::{FrameId, KeyFrameId, MapPointId, Se3, Stamp};
+use slam_math::{Buffer, Buffers, FrameId, KeyFrameId, MapPointId, Se3, Stamp};
 
 pub use keyframe_policy::{KeyframeNeed, keyframe_needed};
 pub(crate) use local_map::appearance;
@@ -34,9 +34,9 @@ pub struct TrackedFrame {
     /// What the sensor said.
     pub obs: Arc<Observation>,
     /// Keypoints that tracking may use.
-    pub usable: Vec<bool>,
+    pub usable: Buffer<bool>,
     /// Map point of each keypoint.
-    pub points: Vec<Option<MapPointId>>,
+    pub points: Buffer<Option<MapPointId>>,
     /// Pose.
     pub camera_from_world: Se3,
     /// Keyframe that shares the most points.
@@ -71,19 +71,17 @@ impl TrackedFrame {
 
     /// The matched points, sorted.
     #[must_use]
-    pub fn matched_points(&self) -> Vec<MapPointId> {
-        let mut points = Vec::with_capacity(self.points.len());
-        points.extend(self.points.iter().flatten());
+    pub fn matched_points(&self, buffers: &Buffers) -> Buffer<MapPointId> {
+        let mut points = buffers.collect(self.matches().map(|(_, id)| id));
         points.sort_unstable();
         points
     }
 
     /// Median depth of the matched points; `None` without any.
     #[must_use]
-    pub fn median_depth(&self, map: &Map) -> Option<f64> {
+    pub fn median_depth(&self, map: &Map, buffers: &Buffers) -> Option<f64> {
         let depth = |id| map.point(id).map(|p| self.camera_from_world.transform(&p.position)[2]);
-        let mut depths = Vec::with_capacity(self.points.len());
-        depths.extend(self.matches().filter_map(|(_, id)| depth(id)));
+        let mut depths = buffers.collect(self.matches().filter_map(|(_, id)| depth(id)));
         let middle = depths.len() / 2;
         (!depths.is_empty()).then(|| *depths.select_nth_unstable_by(middle, f64::total_cmp).1)
     }

@@ -9,8 +9,7 @@ use crate::map::Map;
 /// Optimises the pose on all matches and unmatches the outliers. Returns the number of inliers; the frame is unchanged
 /// but for lost points when there are fewer than three.
 pub fn refine_pose(ctx: &Context, map: &Map, frame: &mut TrackedFrame) -> u32 {
-    let keypoints = frame.points.len();
-    let (mut indices, mut observations) = (Vec::with_capacity(keypoints), Vec::with_capacity(keypoints));
+    let (mut indices, mut observations) = (ctx.buffers.empty(), ctx.buffers.empty());
     for (i, id) in frame.matches() {
         if let Some(point) = map.point(id) {
             indices.push(i);
@@ -21,8 +20,8 @@ pub fn refine_pose(ctx: &Context, map: &Map, frame: &mut TrackedFrame) -> u32 {
     if observations.len() < 3 {
         return 0;
     }
-    let bf = ctx.bf;
-    let result = optimize_pose(&ctx.pinhole, bf, &observations, &frame.camera_from_world, &PoseOptions::default());
+    let (start, options) = (&frame.camera_from_world, PoseOptions::default());
+    let result = optimize_pose(&ctx.pinhole, ctx.bf, &observations, start, &options, &ctx.buffers);
     for (i, inlier) in indices.iter().zip(&result.inlier) {
         if !inlier {
             frame.points[*i] = None;

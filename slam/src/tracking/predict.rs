@@ -1,6 +1,6 @@
 //! First guess of a frame's pose: constant velocity, or the reference keyframe.
 
-use slam_math::Se3;
+use slam_math::{Buffer, Se3};
 use slam_vision::nearest_two;
 
 use super::{TrackedFrame, refine_pose};
@@ -39,8 +39,8 @@ fn match_last_frame(
     predicted: &Se3,
     frame: &TrackedFrame,
     radius: f64,
-) -> Vec<Match<u32>> {
-    let mut queries = Vec::with_capacity(last.points.len());
+) -> Buffer<Match<u32>> {
+    let mut queries = ctx.buffers.empty();
     for (i, id) in last.matches() {
         let Some(point) = map.point(id) else { continue };
         let Some((pixel, z)) = project(&ctx.camera, predicted, &point.position) else { continue };
@@ -56,7 +56,7 @@ fn match_last_frame(
         });
     }
     let limits = Limits { hamming: ctx.config.tracking.hamming_high, ratio: 1.0 };
-    let matches = search(&frame.obs, &queries, limits, |i| frame.usable[i]);
+    let matches = search(&frame.obs, &queries, limits, &ctx.buffers, |i| frame.usable[i]);
     consistent_rotation(matches, |m| frame.obs.angle[m.index as usize] - last.obs.angle[m.key as usize])
 }
 
@@ -87,9 +87,9 @@ pub(super) fn match_descriptors(
     keyframe: &KeyFrame,
     frame: &TrackedFrame,
     ratio: f64,
-) -> Vec<Match<u32>> {
-    let candidates: Vec<u32> = (0..frame.obs.len() as u32).filter(|i| frame.usable[*i as usize]).collect();
-    let mut owner: Vec<Option<(u32, u32)>> = vec![None; frame.obs.len()];
+) -> Buffer<Match<u32>> {
+    let candidates = ctx.buffers.collect((0..frame.obs.len() as u32).filter(|i| frame.usable[*i as usize]));
+    let mut owner: Buffer<Option<(u32, u32)>> = ctx.buffers.filled(frame.obs.len(), None);
     for (key, _) in keyframe.points.iter().enumerate().filter(|(_, p)| p.is_some()) {
         let [first, second] = nearest_two(&keyframe.obs.descriptor[key], &frame.obs.descriptor, &candidates);
         let sure = first.distance <= ctx.config.tracking.hamming_low
@@ -99,5 +99,6 @@ pub(super) fn match_descriptors(
             owner[first.index as usize] = Some(claim);
         }
     }
-    consistent_rotation(claimed(&owner), |m| frame.obs.angle[m.index as usize] - keyframe.obs.angle[m.key as usize])
+    let matches = claimed(&owner, &ctx.buffers);
+    consistent_rotation(matches, |m| frame.obs.angle[m.index as usize] - keyframe.obs.angle[m.key as usize])
 }

@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
-use slam_math::{Rng, Se3};
+use slam_math::{Buffer, Rng, Se3};
 use slam_optimize::{TwoViewFailure, TwoViewOptions, two_view_reconstruction};
 
 use super::TrackedFrame;
@@ -91,11 +91,11 @@ fn is_sharp(frame: &TrackedFrame, i: usize) -> bool {
 
 impl FirstView {
     fn new(frame: &TrackedFrame, class: &[KeypointClass]) -> Self {
-        Self { frame: frame.clone(), class: class.to_vec(), seen_at: frame.obs.pixel.clone() }
+        Self { frame: frame.clone(), class: class.to_vec(), seen_at: frame.obs.pixel.to_vec() }
     }
 
     /// The view's keypoints in a frame; the key is the view's keypoint.
-    fn find_in(&self, ctx: &Context, frame: &TrackedFrame) -> Vec<Match<u32>> {
+    fn find_in(&self, ctx: &Context, frame: &TrackedFrame) -> Buffer<Match<u32>> {
         let m = &ctx.config.monocular;
         let obs = &self.frame.obs;
         let query = |i: usize| Query {
@@ -108,7 +108,7 @@ impl FirstView {
         };
         let queries: Vec<_> = (0..obs.len()).filter(|i| is_sharp(&self.frame, *i)).map(query).collect();
         let limits = Limits { hamming: ctx.config.tracking.hamming_low, ratio: m.ratio };
-        let matches = search(&frame.obs, &queries, limits, |i| is_sharp(frame, i));
+        let matches = search(&frame.obs, &queries, limits, &ctx.buffers, |i| is_sharp(frame, i));
         consistent_rotation(matches, |pair| frame.obs.angle[pair.index as usize] - obs.angle[pair.key as usize])
     }
 

@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Vector3};
 use slam::observation::Observation;
 use slam::report::StageRecord;
 use slam::{Config, Executor, FrameInput, Inline, PanopticMask, Sensor, Setup, Slam, Unobserved};
-use slam_math::{Rng, Se3, float};
+use slam_math::{Buffers, Rng, Se3, float};
 use slam_vision::{Descriptor, KeypointGrid, Vocabulary};
 
 use crate::scene::WALL;
@@ -143,14 +143,14 @@ impl Corridor {
             depths.fill(0.0);
         }
         Observation {
-            raw_pixel: pixels.clone(),
-            grid: KeypointGrid::build(&pixels, &octaves, bounds),
-            pixel: pixels,
-            octave: octaves,
-            angle: vec![0.0; n],
-            descriptor: descriptors,
-            depth_m: depths,
-            label: labels,
+            raw_pixel: pixels.clone().into(),
+            grid: KeypointGrid::build(&pixels, &octaves, bounds, &Buffers::default()),
+            pixel: pixels.into(),
+            octave: octaves.into(),
+            angle: vec![0.0; n].into(),
+            descriptor: descriptors.into(),
+            depth_m: depths.into(),
+            label: labels.into(),
         }
     }
 
@@ -186,7 +186,7 @@ impl Corridor {
             let report = walk.slam.step(&input, obs, executor, &mut Unobserved).unwrap();
             walk.events.extend(report.events.into_iter().map(|e| format!("frame {id}: {}", e.text)));
             walk.truth.push(world_from_camera(s));
-            walk.records.push(report.records);
+            walk.records.push(report.records.to_vec());
         }
         walk.slam.settle(executor).unwrap();
         walk

@@ -3,6 +3,7 @@
 use slam::Config;
 use slam::panoptic::{Evidence, FrameFilter, Regions};
 use slam::report::{KeypointClass, Selection, Verdict};
+use slam_math::Buffer;
 
 use crate::support::context;
 
@@ -10,19 +11,19 @@ fn frame(verdicts: &[(usize, Verdict)]) -> FrameFilter {
     let verdict: Vec<Verdict> = verdicts.iter().flat_map(|(n, v)| vec![*v; *n]).collect();
     let n = verdict.len();
     FrameFilter {
-        class: vec![KeypointClass::Stuff; n],
-        region: vec![None; n],
-        verdict,
-        motion_sigmas: vec![f64::NAN; n],
+        class: vec![KeypointClass::Stuff; n].into(),
+        region: vec![None; n].into(),
+        verdict: verdict.into(),
+        motion_sigmas: vec![f64::NAN; n].into(),
         regions: Regions::default(),
-        tracks: Vec::new(),
-        evidence: Vec::new(),
+        tracks: Buffer::default(),
+        evidence: Buffer::default(),
         stuff: Evidence::default(),
-        ground: Vec::new(),
-        keypoint_ground: vec![false; n],
-        memory: Vec::new(),
+        ground: Buffer::default(),
+        keypoint_ground: vec![false; n].into(),
+        memory: Buffer::default(),
         epipolar: None,
-        epipolar_px: vec![f64::NAN; n],
+        epipolar_px: vec![f64::NAN; n].into(),
     }
 }
 

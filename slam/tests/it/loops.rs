@@ -89,7 +89,8 @@ fn whoever_comes_along_makes_no_place() {
 fn words_find_the_place_too() {
     let mut corridor = Corridor::new(ERRORS);
     // Words of the far side alone: like a vocabulary of other places.
-    let pictures: Vec<_> = (0..40).map(|i| corridor.observe(i, 20.0 + f64::from(i) * 0.5).descriptor).collect();
+    let pictures: Vec<_> =
+        (0..40).map(|i| corridor.observe(i, 20.0 + f64::from(i) * 0.5).descriptor.to_vec()).collect();
     let options = VocabularyOptions { branching: 8, depth: 3, ..VocabularyOptions::default() };
     corridor.vocabulary = Some(Arc::new(Vocabulary::train(&pictures, &options).unwrap()));
     let walk = corridor.walk(&config(true), ways());

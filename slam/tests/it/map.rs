@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 use slam::map::{Appearance, Correction, Editor, Join, KeyFrame, Map, MapEdit, MapPoint, NewPoint};
 use slam::report::KeypointClass;
-use slam_math::{FrameId, KeyFrameId, MapId, MapPointId, Rng, Se3, Sim3, Stamp};
+use slam_math::{Buffer, Buffers, FrameId, KeyFrameId, MapId, MapPointId, Rng, Se3, Sim3, Stamp};
 
 use crate::support::{descriptor, observation};
 
@@ -38,12 +38,12 @@ pub fn keyframe(map: &Map, part: MapId, points: &[MapPointId]) -> MapEdit {
         map: part,
         obs: Arc::new(observation(&pixels, &descriptors)),
         usable: Arc::new(vec![true; KEYPOINTS as usize]),
-        points: seen,
+        points: seen.into(),
         camera_from_world: pose(id.0),
-        covisible: Vec::new(),
+        covisible: Buffer::default(),
         parent: None,
-        children: Vec::new(),
-        loops: Vec::new(),
+        children: Default::default(),
+        loops: Default::default(),
     }))
 }
 
@@ -84,7 +84,7 @@ pub struct Content {
 pub fn content(map: &Map) -> Content {
     let row = |k: &KeyFrame| {
         let pose = k.camera_from_world.rows();
-        (k.id, k.map, pose, k.points.clone(), k.covisible.clone(), k.parent, k.children.clone())
+        (k.id, k.map, pose, k.points.to_vec(), k.covisible.to_vec(), k.parent, k.children.to_vec())
     };
     let (keyframe, point) = (map.next_keyframe(), map.next_point());
     Content {
@@ -205,7 +205,7 @@ proptest! {
             map.apply(&edit);
         }
         let (mut snapshot, mut live) = (map.snapshot(), map.clone());
-        let mut editor = Editor::new(&mut snapshot);
+        let mut editor = Editor::new(&mut snapshot, &Buffers::default());
         for (kind, a, b) in job {
             // Jobs make no keyframes.
             let edit = edit(editor.map(), kind, a, b);
@@ -215,7 +215,7 @@ proptest! {
         }
         let (journal, _) = editor.finish();
 
-        let same = Editor::new(&mut map).replay(journal.clone());
+        let same = Editor::new(&mut map, &Buffers::default()).replay(journal.clone());
         prop_assert_eq!(live_content(&map), live_content(&snapshot), "nothing happened meanwhile");
         prop_assert!((0..map.next_point().0).all(|id| same.now(MapPointId(id)) == Some(MapPointId(id))));
 
@@ -225,7 +225,7 @@ proptest! {
         }
         let first_new = live.next_point();
         let made = journal.edits().iter().filter(|e| matches!(e, MapEdit::AddPoint(_))).count() as u32;
-        let mut editor = Editor::new(&mut live);
+        let mut editor = Editor::new(&mut live, &Buffers::default());
         let renaming = editor.replay(journal);
         let (replayed, counts) = editor.finish();
         check(&live);

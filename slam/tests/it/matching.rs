@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 use slam::matching::{Limits, Match, Query, consistent_rotation, project, search};
 use slam::observation::Observation;
-use slam_math::{Rng, Se3};
+use slam_math::{Buffers, Rng, Se3};
 use slam_vision::{Descriptor, KeypointGrid};
 
 use crate::support::{camera, descriptor, observation};
@@ -21,7 +21,7 @@ fn query(key: u32, pixel: [f64; 2], descriptor: Descriptor) -> Query<u32> {
 }
 
 fn found(obs: &Observation, queries: &[Query<u32>]) -> Vec<(u32, u32, u32)> {
-    search(obs, queries, LIMITS, |_| true).iter().map(|m| (m.key, m.index, m.distance)).collect()
+    search(obs, queries, LIMITS, &Buffers::default(), |_| true).iter().map(|m| (m.key, m.index, m.distance)).collect()
 }
 
 #[test]
@@ -34,7 +34,7 @@ fn the_nearest_descriptor_within_the_window_wins() {
     assert_eq!(found(&obs, &[query(5, [102.0, 100.0], wanted)]), [(5, 1, 10)]);
     assert_eq!(found(&obs, &[query(5, [250.0, 100.0], wanted)]), []);
     assert_eq!(found(&obs, &[query(5, [102.0, 100.0], descriptor(1, 9))]), [], "too far in Hamming distance");
-    let only_first = search(&obs, &[query(5, [102.0, 100.0], wanted)], LIMITS, |i| i == 0);
+    let only_first = search(&obs, &[query(5, [102.0, 100.0], wanted)], LIMITS, &Buffers::default(), |i| i == 0);
     assert_eq!(only_first.iter().map(|m| m.index).collect::<Vec<_>>(), [0]);
 }
 
@@ -44,10 +44,10 @@ fn rivals_on_the_same_level_are_ambiguous() {
     let mut obs = observation(&[[100.0, 100.0], [110.0, 100.0]], &[off_by(wanted, 20), off_by(wanted, 22)]);
     let queries = [query(1, [105.0, 100.0], wanted)];
     assert_eq!(found(&obs, &queries), []);
-    let without_ratio = search(&obs, &queries, Limits { ratio: 1.0, ..LIMITS }, |_| true);
-    assert_eq!(without_ratio, [Match { key: 1, index: 0, distance: 20 }]);
+    let without_ratio = search(&obs, &queries, Limits { ratio: 1.0, ..LIMITS }, &Buffers::default(), |_| true);
+    assert_eq!(without_ratio[..], [Match { key: 1, index: 0, distance: 20 }]);
     obs.octave[1] = 1;
-    obs.grid = KeypointGrid::build(&obs.pixel, &obs.octave, camera().undistorted_bounds());
+    obs.grid = KeypointGrid::build(&obs.pixel, &obs.octave, camera().undistorted_bounds(), &Buffers::default());
     assert_eq!(found(&obs, &queries), [(1, 0, 20)], "the same corner on two levels is no rival");
     let coarse = Query { octaves: [1, 1], ..queries[0].clone() };
     assert_eq!(found(&obs, &[coarse]), [(1, 1, 22)]);
@@ -113,10 +113,10 @@ fn matches_that_turned_differently_are_dropped() {
         30..=31 => 2.0,
         i => 2.5 + 0.3 * (i - 32) as f32,
     };
-    let kept = consistent_rotation(matches, turn);
+    let kept = consistent_rotation(matches.into(), turn);
     assert_eq!(kept.iter().map(|m| m.key).collect::<Vec<_>>(), (0..30).collect::<Vec<_>>());
-    assert!(consistent_rotation(Vec::<Match<u32>>::new(), |_| 0.0).is_empty());
-    let nan = consistent_rotation(vec![Match { key: 0, index: 0, distance: 0 }], |_| f32::NAN);
+    assert!(consistent_rotation(Vec::<Match<u32>>::new().into(), |_| 0.0).is_empty());
+    let nan = consistent_rotation(vec![Match { key: 0, index: 0, distance: 0 }].into(), |_| f32::NAN);
     assert_eq!(nan.len(), 1, "NaN falls into some bin");
 }
 

@@ -3,6 +3,7 @@
 use slam::config::SensorConfig;
 use slam::observation::Observation;
 use slam::{Config, FrameInput};
+use slam_math::Buffers;
 
 use crate::support::{HEIGHT, WIDTH, blank, camera, depth, features, mask};
 
@@ -10,7 +11,7 @@ use crate::support::{HEIGHT, WIDTH, blank, camera, depth, features, mask};
 fn read(pixel: [f32; 2], sensor: &SensorConfig, units: impl Fn(usize, usize) -> u16) -> Option<f64> {
     let picture = (0..WIDTH * HEIGHT).map(|i| units(i % WIDTH, i / WIDTH)).collect();
     let input = FrameInput { depth: Some(depth(picture)), ..blank(0, 0) };
-    Observation::new(features(&[pixel]), &input, &camera(), sensor).depth(0)
+    Observation::new(features(&[pixel]), &input, &camera(), sensor, &Buffers::default()).depth(0)
 }
 
 fn sensor() -> SensorConfig {
@@ -58,8 +59,14 @@ fn nothing_is_nan_whatever_the_scale() {
         let mut picture = depth(vec![2000; WIDTH * HEIGHT]);
         std::sync::Arc::make_mut(&mut picture).metres_per_unit = scale;
         let input = FrameInput { depth: Some(picture), ..blank(0, 0) };
-        let obs = Observation::new(features(&[[50.0, 50.0], [160.0, 120.0]]), &input, &camera(), &sensor());
-        assert_eq!(obs.depth_m, [0.0; 2], "scale {scale}");
+        let obs = Observation::new(
+            features(&[[50.0, 50.0], [160.0, 120.0]]),
+            &input,
+            &camera(),
+            &sensor(),
+            &Buffers::default(),
+        );
+        assert_eq!(obs.depth_m[..], [0.0; 2], "scale {scale}");
     }
 }
 
@@ -68,14 +75,14 @@ fn labels_are_those_of_the_nearest_pixel() {
     let ids = (0..WIDTH * HEIGHT).map(|i| if i % WIDTH < 100 { 3 } else { 9 }).collect();
     let input = FrameInput { panoptic: Some(mask(ids, &[(3, 199), (9, 1)])), ..blank(0, 0) };
     let pixels = features(&[[99.4, 50.0], [99.5, 50.0], [319.6, 10.0]]);
-    let obs = Observation::new(pixels.clone(), &input, &camera(), &sensor());
-    assert_eq!(obs.label, [3, 9, 0], "0 outside the picture");
-    assert_eq!(Observation::new(pixels, &blank(0, 0), &camera(), &sensor()).label, [0; 3]);
+    let obs = Observation::new(pixels.clone(), &input, &camera(), &sensor(), &Buffers::default());
+    assert_eq!(obs.label[..], [3, 9, 0], "0 outside the picture");
+    assert_eq!(Observation::new(pixels, &blank(0, 0), &camera(), &sensor(), &Buffers::default()).label[..], [0; 3]);
 }
 
 #[test]
 fn no_keypoints_is_a_valid_observation() {
-    let obs = Observation::new(features(&[]), &blank(0, 0), &camera(), &sensor());
+    let obs = Observation::new(features(&[]), &blank(0, 0), &camera(), &sensor(), &Buffers::default());
     assert!(obs.is_empty());
     assert_eq!(obs.len(), 0);
 }

@@ -9,7 +9,7 @@ use slam::observation::Observation;
 use slam::panoptic::{FrameFilter, PanopticFilter};
 use slam::report::{RegionState, Verdict};
 use slam::{Config, FrameInput, Sensor};
-use slam_math::Se3;
+use slam_math::{Buffers, Se3};
 use slam_vision::Features;
 
 use crate::support::{HEIGHT, WIDTH, blank, camera, context, context_of, depth, descriptor, mask};
@@ -93,7 +93,13 @@ impl Film {
     /// Films the boards before the wall; the camera's pose is known.
     pub fn show(&mut self, boards: &[Board]) -> Shown {
         let input = self.input(boards);
-        let obs = Arc::new(Observation::new(self.keypoints(boards), &input, &camera(), &self.ctx.config.sensor));
+        let obs = Arc::new(Observation::new(
+            self.keypoints(boards),
+            &input,
+            &camera(),
+            &self.ctx.config.sensor,
+            &Buffers::default(),
+        ));
         let pose = self.pose();
         let mut filter = self.filter.label(&self.ctx, &input, &obs);
         self.filter.judge(&self.ctx, &input, &obs, &pose, Some(WALL_M), &mut filter);

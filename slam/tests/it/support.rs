@@ -9,7 +9,7 @@ use slam::{
     Category, Config, DepthImage, FrameInput, FrameReport, Inline, PanopticMask, Segment, Sensor, Setup, Slam,
     SlamError, Unobserved,
 };
-use slam_math::{FrameId, Rng, Stamp};
+use slam_math::{Buffers, FrameId, Rng, Stamp};
 use slam_vision::{Camera, Descriptor, Distortion, Features, GrayImage, KeypointGrid, Workspace, gray_from_rgb};
 
 pub const WIDTH: usize = 320;
@@ -55,24 +55,24 @@ pub fn descriptor(object: u32, index: u32) -> Descriptor {
 pub fn observation(pixels: &[[f64; 2]], descriptors: &[Descriptor]) -> Observation {
     let n = pixels.len();
     Observation {
-        raw_pixel: pixels.to_vec(),
-        pixel: pixels.to_vec(),
-        octave: vec![0; n],
-        angle: vec![0.0; n],
-        descriptor: descriptors.to_vec(),
-        depth_m: vec![2.0; n],
-        label: vec![0; n],
-        grid: KeypointGrid::build(pixels, &vec![0; n], camera().undistorted_bounds()),
+        raw_pixel: pixels.to_vec().into(),
+        pixel: pixels.to_vec().into(),
+        octave: vec![0; n].into(),
+        angle: vec![0.0; n].into(),
+        descriptor: descriptors.to_vec().into(),
+        depth_m: vec![2.0; n].into(),
+        label: vec![0; n].into(),
+        grid: KeypointGrid::build(pixels, &vec![0; n], camera().undistorted_bounds(), &Buffers::default()),
     }
 }
 
 pub fn features(pixels: &[[f32; 2]]) -> Features {
     let n = pixels.len();
     Features {
-        pixel: pixels.to_vec(),
-        octave: vec![0; n],
-        angle: vec![0.0; n],
-        response: vec![50; n],
+        pixel: pixels.to_vec().into(),
+        octave: vec![0; n].into(),
+        angle: vec![0.0; n].into(),
+        response: vec![50; n].into(),
         descriptor: (0..n).map(|i| descriptor(0, i as u32)).collect(),
     }
 }

@@ -8,7 +8,7 @@ mod common;
 
 use common::{collage, descriptors, recorded_frames};
 use divan::{Bencher, black_box};
-use slam_math::Rng;
+use slam_math::{Buffers, Rng};
 use slam_vision::{
     Bounds, Kernels, KeypointGrid, OrbConfig, OrbExtractor, PlaceIndex, Workspace, gray_from_rgb, hamming,
     hamming_many, nearest_two,
@@ -44,7 +44,7 @@ fn place_query_among_all_recorded_keyframes(bencher: Bencher<'_, '_>) {
     let mut query = Vec::new();
     for name in ["kitchen_static", "kitchen_moving_box", "kitchen_placing_box", "kitchen_robots_people"] {
         for image in recorded_frames(name, 0, 6) {
-            query = extractor.extract(&image).descriptor;
+            query = extractor.extract(&image).descriptor.to_vec();
             index.add(index.len() as u32, &numbered(&query));
         }
     }
@@ -83,7 +83,8 @@ fn grid_query_and_match_1000(bencher: Bencher<'_, '_>) {
     let mut rng = Rng::at(3, 0, 0, 0);
     let pixels: Vec<[f64; 2]> = (0..1000).map(|_| [rng.uniform() * 640.0, rng.uniform() * 480.0]).collect();
     let (octaves, words) = (vec![0; 1000], descriptors(1000, 4));
-    let grid = KeypointGrid::build(&pixels, &octaves, Bounds { min: [0.0; 2], max: [640.0, 480.0] });
+    let grid =
+        KeypointGrid::build(&pixels, &octaves, Bounds { min: [0.0; 2], max: [640.0, 480.0] }, &Buffers::default());
     let mut near = Vec::new();
     bencher.bench_local(|| {
         let best = pixels.iter().zip(&words).map(|(pixel, word)| {

@@ -1,5 +1,7 @@
 //! Fast look-up of keypoints near a pixel.
 
+use slam_math::{Buffer, Buffers};
+
 use crate::Bounds;
 
 /// Cells along x and y; a cell of a 640 x 480 image is then 10 x 10 pixels.
@@ -11,8 +13,8 @@ const ROWS: usize = 48;
 pub struct KeypointGrid {
     bounds: Bounds,
     /// Cell `c` (row-major) owns `entries[starts[c]..starts[c + 1]]`.
-    starts: Vec<u32>,
-    entries: Vec<Entry>,
+    starts: Buffer<u32>,
+    entries: Buffer<Entry>,
 }
 
 /// What a query asks of a keypoint, side by side.
@@ -27,9 +29,10 @@ impl KeypointGrid {
     /// Sorts keypoints, given by their undistorted pixels and octaves, into the cells. Points outside the bounds are kept in
     /// the border cells, so every finite point can be found; a point that is not finite is never found.
     #[must_use]
-    pub fn build(pixels: &[[f64; 2]], octaves: &[u8], bounds: Bounds) -> Self {
-        let mut grid = Self { bounds, starts: vec![0; COLUMNS * ROWS + 1], entries: Vec::with_capacity(pixels.len()) };
-        let mut by_cell: Vec<(u32, u32)> = Vec::with_capacity(pixels.len());
+    pub fn build(pixels: &[[f64; 2]], octaves: &[u8], bounds: Bounds, buffers: &Buffers) -> Self {
+        let starts = buffers.filled(COLUMNS * ROWS + 1, 0);
+        let mut grid = Self { bounds, starts, entries: buffers.empty() };
+        let mut by_cell: Buffer<(u32, u32)> = buffers.empty();
         for (index, pixel) in pixels.iter().enumerate().filter(|(_, pixel)| pixel.iter().all(|v| v.is_finite())) {
             let cell = grid.row(pixel[1]) * COLUMNS + grid.column(pixel[0]);
             grid.starts[cell + 1] += 1;
@@ -40,8 +43,8 @@ impl KeypointGrid {
         }
         by_cell.sort_unstable();
         let entry =
-            |(_, index): (u32, u32)| Entry { pixel: pixels[index as usize], index, octave: octaves[index as usize] };
-        grid.entries.extend(by_cell.into_iter().map(entry));
+            |&(_, index): &(u32, u32)| Entry { pixel: pixels[index as usize], index, octave: octaves[index as usize] };
+        grid.entries.extend(by_cell.iter().map(entry));
         grid
     }
 

@@ -1,6 +1,8 @@
 //! Depth from a rectified pair: the same corner on the same row of both pictures (Mur-Artal and Tardos, ORB-SLAM2, T-RO
 //! 2017, section III-A). Descriptors find the partner, windows of grey values the fraction of a pixel.
 
+use slam_math::{Buffer, Buffers};
+
 use crate::orb::{Features, Pyramid};
 use crate::{GrayImage, hamming};
 
@@ -40,31 +42,33 @@ pub(crate) fn match_rows(
     right: &View<'_>,
     scales: &[f64],
     options: &StereoOptions,
-) -> Vec<Option<f64>> {
-    let rows = Rows::new(right, scales, options.row_px);
-    let mut found: Vec<Option<(f64, u32)>> = Vec::with_capacity(left.features.len());
+    buffers: &Buffers,
+) -> Buffer<Option<f64>> {
+    let rows = Rows::new(right, scales, options.row_px, buffers);
+    let mut found: Buffer<Option<(f64, u32)>> = buffers.empty();
     for i in 0..left.features.len() {
         let partner = rows.partner(left.features, right.features, i, options);
         found.push(partner.and_then(|j| slide(left, right, i, j, options)));
     }
-    let mut costs: Vec<u32> = found.iter().flatten().map(|(_, cost)| *cost).collect();
+    let mut costs: Buffer<u32> = buffers.collect(found.iter().flatten().map(|(_, cost)| *cost));
     if costs.is_empty() {
-        return vec![None; found.len()];
+        return buffers.filled(found.len(), None);
     }
     let middle = costs.len() / 2;
     let limit = options.outlier_factor * f64::from(*costs.select_nth_unstable(middle).1);
-    found.into_iter().map(|f| f.filter(|(_, cost)| f64::from(*cost) <= limit).map(|(disparity, _)| disparity)).collect()
+    let sure = |f: &Option<(f64, u32)>| f.filter(|(_, cost)| f64::from(*cost) <= limit).map(|(disparity, _)| disparity);
+    buffers.collect(found.iter().map(sure))
 }
 
 /// Right features by the rows on which their partner may lie.
 struct Rows {
     /// Row `y` owns `features[starts[y]..starts[y + 1]]`, ascending.
-    starts: Vec<usize>,
-    features: Vec<u32>,
+    starts: Buffer<usize>,
+    features: Buffer<u32>,
 }
 
 impl Rows {
-    fn new(right: &View<'_>, scales: &[f64], row_px: f64) -> Self {
+    fn new(right: &View<'_>, scales: &[f64], row_px: f64, buffers: &Buffers) -> Self {
         let height = right.image.height;
         let band = |j: usize| {
             let reach = row_px * scales[usize::from(right.features.octave[j])];
@@ -73,7 +77,7 @@ impl Rows {
             let (first, last) = ((y - reach).ceil() as usize, (y + reach).floor() as usize);
             first..(last + 1).min(height)
         };
-        let mut starts = vec![0; height + 1];
+        let mut starts = buffers.filled(height + 1, 0);
         for j in 0..right.features.len() {
             band(j).for_each(|row| starts[row + 1] += 1);
         }
@@ -81,7 +85,7 @@ impl Rows {
             starts[row + 1] += starts[row];
         }
         let mut next = starts.clone();
-        let mut features = vec![0; starts[height]];
+        let mut features = buffers.filled(starts[height], 0);
         for j in 0..right.features.len() {
             for row in band(j) {
                 features[next[row]] = j as u32;

@@ -6,7 +6,7 @@ mod common;
 use common::descriptors;
 use nalgebra::Vector3;
 use proptest::prelude::*;
-use slam_math::Rng;
+use slam_math::{Buffers, Rng};
 use slam_vision::{
     Bounds, Camera, Descriptor, Distortion, KeypointGrid, PlaceIndex, VisionError, gray_from_rgb, hamming,
     hamming_many, nearest_two,
@@ -113,7 +113,7 @@ proptest! {
     ) {
         let points: Vec<[f64; 2]> = pixels.iter().map(|&(x, y, _)| [x, y]).collect();
         let octaves: Vec<u8> = pixels.iter().map(|&(.., octave)| octave).collect();
-        let grid = KeypointGrid::build(&points, &octaves, Bounds { min: [0.0, 0.0], max: [640.0, 480.0] });
+        let grid = KeypointGrid::build(&points, &octaves, Bounds { min: [0.0, 0.0], max: [640.0, 480.0] }, &Buffers::default());
         let mut found = vec![7];
         grid.query([center.0, center.1], radius, octave_min, octave_min + span, &mut found);
         found.sort_unstable();
@@ -152,7 +152,7 @@ fn extreme_distances() {
 fn hostile_numbers_are_never_found_in_the_grid() {
     let points = [[f64::NAN, 1.0], [1.0, f64::INFINITY], [5.0, 5.0]];
     for max in [[640.0, 480.0], [0.0, 0.0], [f64::NAN, 1.0]] {
-        let grid = KeypointGrid::build(&points, &[0; 3], Bounds { min: [0.0, 0.0], max });
+        let grid = KeypointGrid::build(&points, &[0; 3], Bounds { min: [0.0, 0.0], max }, &Buffers::default());
         let mut found = Vec::new();
         grid.query([4.0, 4.0], f64::INFINITY, 0, 9, &mut found);
         assert_eq!(found, [2]);

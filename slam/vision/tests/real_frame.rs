@@ -34,7 +34,7 @@ fn the_place_index_finds_the_neighbours_of_a_recorded_frame() {
     let mut index = PlaceIndex::new();
     for (id, gray) in recorded_frames("kitchen_static", 0, 10).iter().enumerate() {
         let descriptors = extractor.extract_with(gray, None, &mut workspace).descriptor;
-        index.add(id as u32, &(0..).zip(descriptors).collect::<Vec<_>>());
+        index.add(id as u32, &(0..).zip(descriptors.iter().copied()).collect::<Vec<_>>());
     }
     let queries = recorded_frames("kitchen_static", 5, 30);
     let mut misses = 0;

@@ -30,7 +30,7 @@ fn picture(shift: impl Fn(usize) -> f64) -> GrayImage {
 fn disparities(left: &GrayImage, right: &GrayImage) -> Vec<([f32; 2], Option<f64>)> {
     let extractor = OrbExtractor::new(&OrbConfig::default()).unwrap();
     let (features, found) = extractor.extract_pair(left, right, None, &OPTIONS, &mut Workspace::default());
-    features.pixel.into_iter().zip(found).collect()
+    features.pixel.iter().copied().zip(found.iter().copied()).collect()
 }
 
 #[test]

@@ -1,17 +1,18 @@
 //! Cholesky factorisation of a symmetric matrix of 6x6 blocks, in the given order.
 
 use nalgebra::{Cholesky, Matrix6, SMatrix, Vector6};
+use slam_math::Buffer;
 
 /// `L` of `L L^T`, by columns of blocks.
 pub(super) struct BlockCholesky {
     /// Blocks (k, i) for k = i.. ; the first one is lower triangular.
-    columns: Vec<Vec<Matrix6<f64>>>,
+    columns: Buffer<Buffer<Matrix6<f64>>>,
 }
 
 impl BlockCholesky {
     /// Factors the matrix whose lower triangle is given as columns: blocks (k, i) for k = i.. . `None` when it is not
     /// positive definite. Blocks that are zero cost nothing.
-    pub fn new(mut columns: Vec<Vec<Matrix6<f64>>>) -> Option<Self> {
+    pub fn new(mut columns: Buffer<Buffer<Matrix6<f64>>>) -> Option<Self> {
         let mut filled = Vec::with_capacity(columns.len());
         for i in 0..columns.len() {
             let (done, rest) = columns.split_at_mut(i + 1);
@@ -34,7 +35,7 @@ impl BlockCholesky {
     }
 
     /// Solves for one right side.
-    pub fn solve(&self, mut right: Vec<Vector6<f64>>) -> Vec<Vector6<f64>> {
+    pub fn solve(&self, mut right: Buffer<Vector6<f64>>) -> Buffer<Vector6<f64>> {
         for (i, column) in self.columns.iter().enumerate() {
             column[0].solve_lower_triangular_mut(&mut right[i]);
             let solved = right[i];
@@ -83,9 +84,10 @@ mod tests {
             let dense = &root * root.transpose() + DMatrix::identity(6 * n, 6 * n);
             let right = DVector::from_fn(6 * n, |_, _| rng.normal());
             let block = |k: usize, i: usize| Matrix6::from_fn(|r, c| dense[(6 * k + r, 6 * i + c)]);
-            let columns = (0..n).map(|i| (i..n).map(|k| block(k, i)).collect()).collect();
-            let b = (0..n).map(|i| Vector6::from_fn(|r, _| right[6 * i + r])).collect();
-            let x = BlockCholesky::new(columns).unwrap().solve(b);
+            let column = |i| Buffer::from((i..n).map(|k| block(k, i)).collect::<Vec<_>>());
+            let columns: Vec<_> = (0..n).map(column).collect();
+            let b: Vec<_> = (0..n).map(|i| Vector6::from_fn(|r, _| right[6 * i + r])).collect();
+            let x = BlockCholesky::new(columns.into()).unwrap().solve(b.into());
             let x = DVector::from_iterator(6 * n, x.iter().flat_map(|v| v.iter().copied()));
             assert!((&dense * x - &right).norm() < 1e-9 * right.norm(), "{n}");
         }
@@ -93,7 +95,8 @@ mod tests {
 
     #[test]
     fn indefinite_or_broken_matrices_are_refused() {
-        assert!(BlockCholesky::new(vec![vec![-Matrix6::identity()]]).is_none());
-        assert!(BlockCholesky::new(vec![vec![Matrix6::repeat(f64::NAN)]]).is_none());
+        let single = |block: Matrix6<f64>| Buffer::from(vec![Buffer::from(vec![block])]);
+        assert!(BlockCholesky::new(single(-Matrix6::identity())).is_none());
+        assert!(BlockCholesky::new(single(Matrix6::repeat(f64::NAN))).is_none());
     }
 }

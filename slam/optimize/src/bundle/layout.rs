@@ -3,6 +3,8 @@
 use std::cmp::Ordering;
 use std::ops::Range;
 
+use slam_math::{Buffer, Buffers};
+
 use super::{BaObservation, BaProblem};
 use crate::camera::Measurement;
 
@@ -20,28 +22,28 @@ pub(super) struct Edge {
 
 pub(super) struct Layout {
     /// Usable observations by (point, pose), and their index in the input.
-    pub observations: Vec<(usize, Measurement)>,
+    pub observations: Buffer<(usize, Measurement)>,
     /// By (point, pose).
-    pub edges: Vec<Edge>,
+    pub edges: Buffer<Edge>,
     /// Edges of each point.
-    pub edges_of_point: Vec<Range<usize>>,
+    pub edges_of_point: Buffer<Range<usize>>,
     /// Index of each free pose, ascending.
-    pub free_poses: Vec<usize>,
+    pub free_poses: Buffer<usize>,
     /// Edges of each free pose, ascending, that is by point.
-    pub edges_of_free: Vec<Vec<usize>>,
+    pub edges_of_free: Buffer<Buffer<usize>>,
     /// Work items: consecutive points.
-    pub chunks: Vec<Range<usize>>,
+    pub chunks: Buffer<Range<usize>>,
 }
 
 impl Layout {
-    pub fn new(problem: &BaProblem) -> Self {
-        let free_poses = free_poses(problem);
-        let mut free_of = vec![None; problem.poses.len()];
+    pub fn new(problem: &BaProblem, buffers: &Buffers) -> Self {
+        let free_poses = free_poses(problem, buffers);
+        let mut free_of = buffers.filled(problem.poses.len(), None);
         for (free, &pose) in free_poses.iter().enumerate() {
             free_of[pose] = Some(free);
         }
-        let sorted = sorted_observations(problem);
-        let mut edges: Vec<Edge> = Vec::with_capacity(sorted.len());
+        let sorted = sorted_observations(problem, buffers);
+        let mut edges: Buffer<Edge> = buffers.empty();
         for (at, (_, o)) in sorted.iter().enumerate() {
             let (point, pose) = (o.point as usize, o.pose as usize);
             match edges.last_mut() {
@@ -49,10 +51,8 @@ impl Layout {
                 _ => edges.push(Edge { point, pose, free: free_of[pose], observations: at..at + 1 }),
             }
         }
-        let mut edges_of_point = vec![0..0; problem.points.len()];
-        let mut degrees = vec![0; free_poses.len()];
-        edges.iter().filter_map(|edge| edge.free).for_each(|free| degrees[free] += 1);
-        let mut edges_of_free: Vec<Vec<usize>> = degrees.into_iter().map(Vec::with_capacity).collect();
+        let mut edges_of_point = buffers.filled(problem.points.len(), 0..0);
+        let mut edges_of_free = buffers.collect(free_poses.iter().map(|_| buffers.empty()));
         let mut end = 0;
         for (point, range) in edges_of_point.iter_mut().enumerate() {
             let start = end;
@@ -65,8 +65,8 @@ impl Layout {
             *range = start..end;
         }
         let n = problem.points.len();
-        let chunks = (0..n).step_by(CHUNK).map(|start| start..usize::min(start + CHUNK, n)).collect();
-        let observations = sorted.into_iter().map(|(index, o)| (index, o.measurement)).collect();
+        let chunks = buffers.collect((0..n).step_by(CHUNK).map(|start| start..usize::min(start + CHUNK, n)));
+        let observations = buffers.collect(sorted.iter().map(|(index, o)| (*index, o.measurement)));
         Self { observations, edges, edges_of_point, free_poses, edges_of_free, chunks }
     }
 
@@ -80,18 +80,19 @@ impl Layout {
     }
 }
 
-fn free_poses(problem: &BaProblem) -> Vec<usize> {
+fn free_poses(problem: &BaProblem, buffers: &Buffers) -> Buffer<usize> {
     let any_fixed = problem.poses.iter().any(|p| p.fixed);
-    (0..problem.poses.len()).filter(|&i| !problem.poses[i].fixed && (any_fixed || i > 0)).collect()
+    buffers.collect((0..problem.poses.len()).filter(|&i| !problem.poses[i].fixed && (any_fixed || i > 0)))
 }
 
-fn sorted_observations(problem: &BaProblem) -> Vec<(usize, BaObservation)> {
+fn sorted_observations(problem: &BaProblem, buffers: &Buffers) -> Buffer<(usize, BaObservation)> {
     let exists =
         |o: &BaObservation| (o.pose as usize) < problem.poses.len() && (o.point as usize) < problem.points.len();
     let usable = problem.observations.iter().copied().enumerate();
-    let mut sorted: Vec<_> = usable.filter(|(_, o)| exists(o) && o.measurement.is_usable()).collect();
-    sorted.sort_by(|(_, a), (_, b)| {
-        (a.point, a.pose).cmp(&(b.point, b.pose)).then_with(|| by_numbers(&a.measurement, &b.measurement))
+    let mut sorted = buffers.collect(usable.filter(|(_, o)| exists(o) && o.measurement.is_usable()));
+    sorted.sort_unstable_by(|(i, a), (j, b)| {
+        let by_numbers = || by_numbers(&a.measurement, &b.measurement);
+        (a.point, a.pose).cmp(&(b.point, b.pose)).then_with(by_numbers).then(i.cmp(j))
     });
     sorted
 }

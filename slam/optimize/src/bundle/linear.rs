@@ -1,7 +1,7 @@
 //! The problem linearised around the current estimate, a chunk of points at a time.
 
 use nalgebra::{Matrix3, Matrix6x3, Vector3};
-use slam_math::{Se3, par};
+use slam_math::{Buffer, Buffers, Se3, par};
 
 use super::layout::Layout;
 use crate::camera::{DepthCamera, Linearized, pose_point};
@@ -10,8 +10,8 @@ use crate::robust::Gates;
 /// Estimate of all poses and points.
 #[derive(Clone)]
 pub(super) struct State {
-    pub poses: Vec<Se3>,
-    pub points: Vec<Vector3<f64>>,
+    pub poses: Buffer<Se3>,
+    pub points: Buffer<Vector3<f64>>,
 }
 
 /// A point's own part of the normal equations.
@@ -34,8 +34,8 @@ pub(super) struct EdgeBlock {
 struct Chunk {
     first_point: usize,
     first_edge: usize,
-    points: Vec<PointBlock>,
-    edges: Vec<EdgeBlock>,
+    points: Buffer<PointBlock>,
+    edges: Buffer<EdgeBlock>,
 }
 
 /// What the cost is made of, besides the estimate.
@@ -43,6 +43,7 @@ pub(super) struct Model {
     pub camera: DepthCamera,
     pub gates: Gates,
     pub layout: Layout,
+    pub buffers: Buffers,
 }
 
 /// All blocks but those of the poses, which [`super::reduced`] adds up.
@@ -69,8 +70,8 @@ impl Model {
             let mut chunk = Chunk {
                 first_point: points.start,
                 first_edge: edges.start,
-                points: Vec::with_capacity(points.len()),
-                edges: Vec::with_capacity(edges.len()),
+                points: self.buffers.empty(),
+                edges: self.buffers.empty(),
             };
             for point in points.clone() {
                 self.linearize_point(point, state, robust, active, &mut chunk);
@@ -106,10 +107,10 @@ impl Model {
     }
 
     /// Squared normalised residuals at `state` in sorted order, `None` where a point can't be seen.
-    pub fn chi2(&self, state: &State) -> Vec<Option<f64>> {
+    pub fn chi2(&self, state: &State) -> Buffer<Option<f64>> {
         let chunk = |_: usize, points: &std::ops::Range<usize>| {
             let edges = self.layout.edges_of_chunk(points);
-            let mut out = Vec::with_capacity(edges.len());
+            let mut out = self.buffers.empty();
             for edge in &self.layout.edges[edges] {
                 let x = state.poses[edge.pose].transform(&state.points[edge.point]);
                 let seen = &self.layout.observations[edge.observations.clone()];
@@ -117,7 +118,8 @@ impl Model {
             }
             out
         };
-        par::ordered_map(&self.layout.chunks, chunk).into_iter().flatten().collect()
+        let chunks = par::ordered_map(&self.layout.chunks, chunk);
+        self.buffers.collect(chunks.iter().flatten().copied())
     }
 
     /// Sum of the kernel over the active observations, in sorted order.

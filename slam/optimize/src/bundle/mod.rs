@@ -12,7 +12,7 @@ mod reduced;
 mod solver;
 
 use nalgebra::Vector3;
-use slam_math::Se3;
+use slam_math::{Buffer, Buffers, Se3};
 
 use crate::camera::{Measurement, Pinhole};
 use solver::Solver;
@@ -45,11 +45,11 @@ pub struct BaProblem {
     /// Virtual baseline times fx, metres * pixels.
     pub bf: f64,
     /// The cameras.
-    pub poses: Vec<BaPose>,
+    pub poses: Buffer<BaPose>,
     /// World coordinates, metres.
-    pub points: Vec<Vector3<f64>>,
+    pub points: Buffer<Vector3<f64>>,
     /// In any order.
-    pub observations: Vec<BaObservation>,
+    pub observations: Buffer<BaObservation>,
 }
 
 /// Schedule and gates of [`bundle_adjust`].
@@ -100,12 +100,12 @@ pub struct BaReport {
     pub accepted: u32,
     /// Per observation, in the input's order: above its gate at the end, behind the camera, not usable, or naming a pose
     /// or point that is not there.
-    pub outlier: Vec<bool>,
+    pub outlier: Buffer<bool>,
 }
 
 /// Minimises the robust reprojection error over the free poses and all points that are observed.
-pub fn bundle_adjust(problem: &mut BaProblem, options: &BaOptions) -> BaReport {
-    let mut solver = Solver::new(problem, options);
+pub fn bundle_adjust(problem: &mut BaProblem, options: &BaOptions, buffers: &Buffers) -> BaReport {
+    let mut solver = Solver::new(problem, options, buffers);
     let initial_cost = solver.initial_cost();
     let mut round = 0;
     while round < options.rounds {

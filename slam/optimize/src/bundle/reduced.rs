@@ -1,20 +1,19 @@
 //! The system over the free poses after the points are eliminated, and the step it gives.
 
 use nalgebra::{Cholesky, Matrix3, Matrix6, Vector3, Vector6};
-use slam_math::par;
+use slam_math::{Buffer, par};
 
 use super::cholesky::{BlockCholesky, subtract_product};
-use super::layout::Layout;
-use super::linear::Linearization;
+use super::linear::{Linearization, Model};
 use crate::camera::{pose_gradient, pose_information};
 use crate::levenberg::Damping;
 
 /// A change of all free poses and all points.
 pub(super) struct Step {
     /// Per free pose, `[translation, rotation]`.
-    pub poses: Vec<Vector6<f64>>,
+    pub poses: Buffer<Vector6<f64>>,
     /// Per point, metres in the world.
-    pub points: Vec<Vector3<f64>>,
+    pub points: Buffer<Vector3<f64>>,
     /// Decrease of the cost that the linear model promises.
     pub predicted: f64,
 }
@@ -22,24 +21,26 @@ pub(super) struct Step {
 /// A column of the lower triangle of the reduced system, with the right side.
 struct Column {
     /// Blocks (k, i) for k = i.. .
-    blocks: Vec<Matrix6<f64>>,
+    blocks: Buffer<Matrix6<f64>>,
     reduced_gradient: Vector6<f64>,
     gradient: Vector6<f64>,
     damping: Vector6<f64>,
 }
 
 /// Solves the damped normal equations; `None` when they are not positive definite.
-pub(super) fn solve(layout: &Layout, linear: &Linearization, damping: &Damping) -> Option<Step> {
-    let inverses: Vec<_> = (0..layout.edges_of_point.len()).map(|p| damped_inverse(linear, p, damping)).collect();
+pub(super) fn solve(model: &Model, linear: &Linearization, damping: &Damping) -> Option<Step> {
+    let Model { layout, buffers, .. } = model;
+    let points = 0..layout.edges_of_point.len();
+    let inverses = buffers.collect(points.map(|point| damped_inverse(linear, point, damping)));
     let mut columns =
-        par::ordered_map(&layout.edges_of_free, |free, edges| column(layout, linear, damping, &inverses, free, edges));
-    let factor = BlockCholesky::new(columns.iter_mut().map(|c| std::mem::take(&mut c.blocks)).collect())?;
-    let poses = factor.solve(columns.iter().map(|c| -c.reduced_gradient).collect());
+        par::ordered_map(&layout.edges_of_free, |free, edges| column(model, linear, damping, &inverses, free, edges));
+    let factor = BlockCholesky::new(buffers.collect(columns.iter_mut().map(|c| std::mem::take(&mut c.blocks))))?;
+    let poses = factor.solve(buffers.collect(columns.iter().map(|c| -c.reduced_gradient)));
     let mut predicted = 0.0;
     for (step, c) in poses.iter().zip(&columns) {
         predicted += step.dot(&(c.damping.component_mul(step) - c.gradient));
     }
-    let mut points = Vec::with_capacity(inverses.len());
+    let mut points = buffers.empty();
     for (point, inverse) in inverses.iter().enumerate() {
         let block = linear.point(point);
         let mut gradient = block.gradient;
@@ -67,14 +68,15 @@ fn damped_inverse(linear: &Linearization, point: usize, damping: &Damping) -> Ma
 
 /// Adds up, in the points' order, what belongs to one free pose and the free poses after it.
 fn column(
-    layout: &Layout,
+    model: &Model,
     linear: &Linearization,
     damping: &Damping,
     inverses: &[Matrix3<f64>],
     free: usize,
     edges: &[usize],
 ) -> Column {
-    let mut blocks = vec![Matrix6::zeros(); layout.free_poses.len() - free];
+    let layout = &model.layout;
+    let mut blocks = model.buffers.filled(layout.free_poses.len() - free, Matrix6::zeros());
     let (mut information, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
     let mut reduced_gradient = Vector6::zeros();
     for &edge in edges {
@@ -98,12 +100,13 @@ fn column(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bundle::linear::{Model, State};
+    use crate::bundle::layout::Layout;
+    use crate::bundle::linear::State;
     use crate::bundle::{BaObservation, BaPose, BaProblem};
     use crate::camera::{DepthCamera, Measurement, Pinhole};
     use crate::robust::Gates;
     use nalgebra::{DMatrix, DVector};
-    use slam_math::{Rng, Se3};
+    use slam_math::{Buffers, Rng, Se3};
 
     fn small_problem() -> BaProblem {
         let mut rng = Rng::at(5, 0, 0, 0);
@@ -129,7 +132,7 @@ mod tests {
             measurement: Measurement { disparity: None, ..observations[0].measurement },
             ..observations[0]
         });
-        BaProblem { camera, bf: 40.0, poses, points, observations }
+        BaProblem { camera, bf: 40.0, poses: poses.into(), points: points.into(), observations: observations.into() }
     }
 
     /// All weighted residuals after a change of the free poses and the points, in one vector.
@@ -159,10 +162,11 @@ mod tests {
         let model = Model {
             camera: DepthCamera { pinhole: problem.camera, bf: problem.bf },
             gates: Gates { mono: 5.991, stereo: 7.815 },
-            layout: Layout::new(&problem),
+            layout: Layout::new(&problem, &Buffers::default()),
+            buffers: Buffers::default(),
         };
-        let poses = problem.poses.iter().map(|p| p.camera_from_world).collect();
-        let state = State { poses, points: problem.points.clone() };
+        let poses: Vec<Se3> = problem.poses.iter().map(|p| p.camera_from_world).collect();
+        let state = State { poses: poses.into(), points: problem.points.clone() };
         let n = 6 * 3 + 3 * problem.points.len();
         let at = |delta: &DVector<f64>| DVector::from_vec(residuals(&model, &state, delta));
         let e = at(&DVector::zeros(n));
@@ -179,7 +183,7 @@ mod tests {
         let dense = -(normal + DMatrix::from_diagonal(&scale)).lu().solve(&gradient).unwrap();
 
         let active = vec![true; model.layout.observations.len()];
-        let step = solve(&model.layout, &model.linearize(&state, false, &active), &damping).unwrap();
+        let step = solve(&model, &model.linearize(&state, false, &active), &damping).unwrap();
         let parts = step.poses.iter().flat_map(|p| p.iter()).chain(step.points.iter().flat_map(|p| p.iter()));
         let reduced = DVector::from_iterator(n, parts.copied());
         assert!((&reduced - &dense).norm() < 1e-6 * dense.norm(), "{reduced} {dense}");

@@ -1,6 +1,6 @@
 //! The iteration: which step is tried, taken, and which observations take part.
 
-use slam_math::Se3;
+use slam_math::{Buffer, Buffers, Se3};
 
 use super::layout::Layout;
 use super::linear::{Model, State};
@@ -14,31 +14,32 @@ pub(super) struct Solver {
     model: Model,
     state: State,
     /// Per sorted observation: takes part in the round.
-    active: Vec<bool>,
+    active: Buffer<bool>,
     /// Per sorted observation: could be seen at the very start.
-    counted: Vec<bool>,
+    counted: Buffer<bool>,
     /// Per sorted observation, where it was last visible. While a step hides a point it keeps that value, so that hiding
     /// neither pays nor blocks.
-    chi2: Vec<f64>,
+    chi2: Buffer<f64>,
     iterations: u32,
     accepted: u32,
 }
 
 impl Solver {
-    pub fn new(problem: &BaProblem, options: &BaOptions) -> Self {
-        let layout = Layout::new(problem);
+    pub fn new(problem: &BaProblem, options: &BaOptions, buffers: &Buffers) -> Self {
+        let layout = Layout::new(problem, buffers);
         let model = Model {
             camera: DepthCamera { pinhole: problem.camera, bf: problem.bf },
             gates: Gates { mono: options.chi2_mono, stereo: options.chi2_stereo },
             layout,
+            buffers: buffers.clone(),
         };
         let state = State {
-            poses: problem.poses.iter().map(|p| p.camera_from_world).collect(),
+            poses: buffers.collect(problem.poses.iter().map(|p| p.camera_from_world)),
             points: problem.points.clone(),
         };
         let chi2 = model.chi2(&state);
-        let counted: Vec<bool> = chi2.iter().map(Option::is_some).collect();
-        let chi2 = chi2.into_iter().map(|chi2| chi2.unwrap_or(f64::INFINITY)).collect();
+        let counted = buffers.collect(chi2.iter().map(Option::is_some));
+        let chi2 = buffers.collect(chi2.iter().map(|chi2| chi2.unwrap_or(f64::INFINITY)));
         Self { model, state, active: counted.clone(), counted, chi2, iterations: 0, accepted: 0 }
     }
 
@@ -53,13 +54,14 @@ impl Solver {
         let mut linear = self.model.linearize(&self.state, robust, &self.active);
         for _ in 0..options.iterations {
             self.iterations += 1;
-            let Some(step) = reduced::solve(&self.model.layout, &linear, &damping) else {
+            let Some(step) = reduced::solve(&self.model, &linear, &damping) else {
                 damping.raise();
                 continue;
             };
             let trial = self.moved(&step);
-            let seen = self.model.chi2(&trial).into_iter().zip(&self.chi2).map(|(now, last)| now.unwrap_or(*last));
-            let trial_chi2: Vec<f64> = seen.collect();
+            let seen = self.model.chi2(&trial);
+            let last_seen = seen.iter().zip(&self.chi2).map(|(now, last)| now.unwrap_or(*last));
+            let trial_chi2 = self.model.buffers.collect(last_seen);
             let cost = self.model.cost(robust, &self.active, self.chi2.iter().copied());
             let trial_cost = self.model.cost(robust, &self.active, trial_chi2.iter().copied());
             let verdict = damping.judge(cost, trial_cost, step.predicted, options.relative_decrease);
@@ -92,7 +94,7 @@ impl Solver {
     pub fn select_inliers(&mut self) -> bool {
         let mut changed = false;
         let seen = self.model.chi2(&self.state);
-        for (i, chi2) in seen.into_iter().enumerate() {
+        for (i, &chi2) in seen.iter().enumerate() {
             let stereo = self.model.layout.observations[i].1.disparity.is_some();
             let inlier = chi2.is_some_and(|chi2| chi2 <= self.model.gates.of(stereo));
             self.chi2[i] = chi2.unwrap_or(self.chi2[i]);
@@ -108,13 +110,13 @@ impl Solver {
             self.state.poses[pose] = self.state.poses[pose].normalized();
         }
         self.select_inliers();
-        let mut outlier = vec![true; problem.observations.len()];
+        let mut outlier = self.model.buffers.filled(problem.observations.len(), true);
         for ((index, _), inlier) in self.model.layout.observations.iter().zip(&self.active) {
             outlier[*index] = !inlier;
         }
         let final_cost = self.model.cost(true, &self.counted, self.chi2.iter().copied());
-        for (pose, camera_from_world) in problem.poses.iter_mut().zip(self.state.poses) {
-            pose.camera_from_world = camera_from_world;
+        for (pose, camera_from_world) in problem.poses.iter_mut().zip(&self.state.poses) {
+            pose.camera_from_world = *camera_from_world;
         }
         problem.points = self.state.points;
         BaReport { initial_cost, final_cost, iterations: self.iterations, accepted: self.accepted, outlier }

@@ -74,7 +74,7 @@ struct Model<'a> {
 /// When a pose is tied to no fixed one by observations that can be seen at the start. The problem is then as it was.
 pub fn global_bundle_adjust(problem: &mut BaProblem, options: &BaOptions) -> Result<GlobalBaReport, LoosePose> {
     let mut state =
-        State { poses: problem.poses.iter().map(|p| p.camera_from_world).collect(), points: problem.points.clone() };
+        State { poses: problem.poses.iter().map(|p| p.camera_from_world).collect(), points: problem.points.to_vec() };
     let mut model = Model::new(problem, &state, options);
     let parts = scale::parts(problem, &model)?;
     let counted = model.active.clone();
@@ -99,11 +99,11 @@ pub fn global_bundle_adjust(problem: &mut BaProblem, options: &BaOptions) -> Res
     let outlier = model.outliers();
     (model.active, model.robust) = (counted, true);
     let final_cost = model.cost(&state);
-    let ba = BaReport { initial_cost, final_cost, iterations, accepted, outlier };
+    let ba = BaReport { initial_cost, final_cost, iterations, accepted, outlier: outlier.into() };
     for (pose, camera_from_world) in problem.poses.iter_mut().zip(state.poses) {
         pose.camera_from_world = camera_from_world;
     }
-    problem.points = state.points;
+    problem.points = state.points.into();
     Ok(GlobalBaReport { ba, factor_blocks: factor.blocks(), fill_in: factor.fill_in(), scale_kept_at })
 }
 

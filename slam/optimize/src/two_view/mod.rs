@@ -9,7 +9,7 @@ mod candidates;
 mod model;
 
 use nalgebra::Vector3;
-use slam_math::{Rng, Se3, float};
+use slam_math::{Buffer, Buffers, Rng, Se3, float};
 
 use crate::bundle::{BaObservation, BaOptions, BaPose, BaProblem, bundle_adjust};
 use crate::camera::{Measurement, Pinhole};
@@ -284,15 +284,15 @@ fn adjust(
     let mut problem = BaProblem {
         camera: *camera,
         bf: 0.0,
-        poses: vec![
+        poses: Buffer::from(vec![
             BaPose { camera_from_world: Se3::identity(), fixed: true },
             BaPose { camera_from_world: candidate.second_from_first, fixed: false },
-        ],
+        ]),
         points: candidate.points.iter().flatten().copied().collect(),
         observations: seen.iter().enumerate().flat_map(both).collect(),
     };
     // The scale is free; damping holds it near one, and the unit is set again below.
-    bundle_adjust(&mut problem, &BaOptions { iterations: 20, ..BaOptions::default() });
+    bundle_adjust(&mut problem, &BaOptions { iterations: 20, ..BaOptions::default() }, &Buffers::default());
     let mut motion = problem.poses[1].camera_from_world;
     let unit = 1.0 / motion.translation.norm();
     motion.translation *= unit;

@@ -2,7 +2,7 @@
 #![allow(dead_code, missing_docs)]
 
 use nalgebra::{Vector3, Vector6};
-use slam_math::{Rng, Se3};
+use slam_math::{Buffer, Rng, Se3};
 use slam_optimize::{BaObservation, BaPose, BaProblem, Measurement, Pinhole, PoseObservation};
 
 pub const CAMERA: Pinhole = Pinhole { fx: 535.4, fy: 539.2, cx: 320.1, cy: 247.6 };
@@ -67,7 +67,7 @@ pub fn bundle_scene(poses: usize, points: usize, views: usize, outlier_share: f6
         bf: BF,
         poses: (0..poses).map(camera_at).collect(),
         points: (0..points).map(|_| point(&mut rng) + Vector3::new(0.0, 0.0, 1.0)).collect(),
-        observations: Vec::new(),
+        observations: Buffer::default(),
     };
     for p in 0..points {
         let first = rng.below(poses - views + 1);
@@ -126,7 +126,8 @@ pub fn chain(keyframes: usize, drift_m: f64, closed: bool) -> (BaProblem, BaProb
         (turn * Se3 { translation: Vector3::new(radius, 0.0, 0.0), ..Se3::identity() }).inverse()
     };
     let poses = (0..keyframes).map(|i| BaPose { camera_from_world: pose(i), fixed: i == 0 }).collect();
-    let mut truth = BaProblem { camera: CAMERA, bf: BF, poses, points: Vec::new(), observations: Vec::new() };
+    let mut truth =
+        BaProblem { camera: CAMERA, bf: BF, poses, points: Buffer::default(), observations: Buffer::default() };
     for i in 0..keyframes {
         for _ in 0..POINTS_A_KEYFRAME {
             let side = if rng.uniform() < 0.5 { -1.0 } else { 1.0 };

@@ -14,6 +14,8 @@ mod spread;
 pub use config::OrbConfig;
 pub(crate) use pattern::PAIRS;
 
+use slam_math::{Buffer, Buffers};
+
 use crate::kernels::{Moments, PATCH_MARGIN};
 use crate::stereo::{self, StereoOptions};
 use crate::{Descriptor, GrayImage, Kernels, VisionError};
@@ -24,25 +26,25 @@ pub(crate) use pyramid::Pyramid;
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Features {
     /// Pixel in the image as given (level 0, lens distortion included).
-    pub pixel: Vec<[f32; 2]>,
+    pub pixel: Buffer<[f32; 2]>,
     /// Pyramid level, 0 = full resolution.
-    pub octave: Vec<u8>,
+    pub octave: Buffer<u8>,
     /// Direction of the patch's intensity centroid, radians in (-pi, pi], clockwise from x as y points down.
-    pub angle: Vec<f32>,
+    pub angle: Buffer<f32>,
     /// FAST score: largest threshold at which the pixel is still a corner.
-    pub response: Vec<u8>,
+    pub response: Buffer<u8>,
     /// Steered BRIEF on the blurred level.
-    pub descriptor: Vec<Descriptor>,
+    pub descriptor: Buffer<Descriptor>,
 }
 
 impl Features {
-    fn with_capacity(n: usize) -> Self {
+    fn new(buffers: &Buffers) -> Self {
         Self {
-            pixel: Vec::with_capacity(n),
-            octave: Vec::with_capacity(n),
-            angle: Vec::with_capacity(n),
-            response: Vec::with_capacity(n),
-            descriptor: Vec::with_capacity(n),
+            pixel: buffers.empty(),
+            octave: buffers.empty(),
+            angle: buffers.empty(),
+            response: buffers.empty(),
+            descriptor: buffers.empty(),
         }
     }
 
@@ -68,9 +70,11 @@ pub struct Parts<'a> {
     pub shares: &'a [f64],
 }
 
-/// Buffers that [`OrbExtractor::extract_with`] reuses from frame to frame. Never changes a result.
+/// Memory that [`OrbExtractor::extract_with`] uses again for every frame. Never changes a result.
 #[derive(Debug, Clone, Default)]
 pub struct Workspace {
+    /// Where the features' memory comes from and goes back to.
+    pub buffers: Buffers,
     pyramid: Pyramid,
     scores: Vec<u8>,
     peaks: Vec<u8>,
@@ -134,7 +138,7 @@ impl OrbExtractor {
     pub fn extract_with(&self, gray: &GrayImage, parts: Option<&Parts<'_>>, workspace: &mut Workspace) -> Features {
         assert_eq!(gray.data.len(), gray.width * gray.height, "pixels of a {} x {} image", gray.width, gray.height);
         let mut pyramid = std::mem::take(&mut workspace.pyramid);
-        let mut features = Features::with_capacity(self.config.features);
+        let mut features = Features::new(&workspace.buffers);
         for octave in 0..self.scales.len() {
             let level = if octave == 0 { gray } else { pyramid.level(self.kernels, gray, octave, self.scales[octave]) };
             if level.width <= 2 * PATCH_MARGIN || level.height <= 2 * PATCH_MARGIN {
@@ -169,14 +173,14 @@ impl OrbExtractor {
         parts: Option<&Parts<'_>>,
         options: &StereoOptions,
         workspace: &mut Workspace,
-    ) -> (Features, Vec<Option<f64>>) {
+    ) -> (Features, Buffer<Option<f64>>) {
         assert_eq!((left.width, left.height), (right.width, right.height), "a rectified pair has one size");
         let in_left = self.extract_with(left, parts, workspace);
         std::mem::swap(&mut workspace.pyramid, &mut workspace.left_pyramid);
         let in_right = self.extract_with(right, None, workspace);
         let left = stereo::View { features: &in_left, image: left, pyramid: &workspace.left_pyramid };
         let right = stereo::View { features: &in_right, image: right, pyramid: &workspace.pyramid };
-        let disparity = stereo::match_rows(&left, &right, &self.scales, options);
+        let disparity = stereo::match_rows(&left, &right, &self.scales, options, &workspace.buffers);
         (in_left, disparity)
     }
 
