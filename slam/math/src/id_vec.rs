@@ -1,6 +1,6 @@
 //! Values by id, shared with snapshots until written to.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use serde::ser::SerializeSeq;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -12,10 +12,13 @@ type Block<T, const N: usize> = [Option<T>; N];
 /// holes alone takes no memory, or a map would grow with all that ever was in it.
 ///
 /// Cloning is cheap: blocks of `N` values are shared until one of them is written to. Large values want blocks of one;
-/// for small ones that are written together, larger blocks save allocations and lie side by side in memory.
+/// for small ones that are written together, larger blocks save allocations and lie side by side in memory. The memory of
+/// blocks that only one clone had is used again by the others when it is dropped.
 #[derive(Debug, Clone)]
 pub struct IdVec<T, const N: usize = 1> {
     blocks: Vec<Option<Arc<Block<T, N>>>>,
+    /// Blocks of holes that nobody else has, of all clones.
+    spare: Arc<Mutex<Vec<Arc<Block<T, N>>>>>,
     /// Slots in use, holes included.
     used: usize,
     live: usize,
@@ -24,7 +27,7 @@ pub struct IdVec<T, const N: usize = 1> {
 impl<T, const N: usize> Default for IdVec<T, N> {
     fn default() -> Self {
         const { assert!(N > 0, "a block holds something") };
-        Self { blocks: Vec::new(), used: 0, live: 0 }
+        Self { blocks: Vec::new(), spare: Arc::default(), used: 0, live: 0 }
     }
 }
 
@@ -43,6 +46,28 @@ impl<T, const N: usize> IdVec<T, N> {
     fn slot(&self, index: usize) -> Option<&T> {
         self.blocks.get(index / N)?.as_ref()?[index % N].as_ref()
     }
+
+    /// A block of holes.
+    fn fresh(&self) -> Arc<Block<T, N>> {
+        let spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        spare.unwrap_or_else(|| Arc::new(std::array::from_fn(|_| None)))
+    }
+}
+
+impl<T, const N: usize> Drop for IdVec<T, N> {
+    fn drop(&mut self) {
+        // The last of all clones leaves nothing to anybody.
+        if Arc::get_mut(&mut self.spare).is_none() {
+            let own = self.blocks.drain(..).flatten().filter_map(emptied);
+            self.spare.lock().unwrap_or_else(PoisonError::into_inner).extend(own);
+        }
+    }
+}
+
+/// A block without its values, unless it is shared.
+fn emptied<T, const N: usize>(mut block: Arc<Block<T, N>>) -> Option<Arc<Block<T, N>>> {
+    Arc::get_mut(&mut block)?.fill_with(|| None);
+    Some(block)
 }
 
 impl<'de, T: Clone + Deserialize<'de>, const N: usize> Deserialize<'de> for IdVec<T, N> {
@@ -85,8 +110,11 @@ impl<T: Clone, const N: usize> IdVec<T, N> {
         self.used += 1;
         if slot.is_some() {
             self.live += 1;
-            let block = self.blocks[index / N].get_or_insert_with(|| Arc::new(std::array::from_fn(|_| None)));
-            Arc::make_mut(block)[index % N] = slot;
+            if self.blocks[index / N].is_none() {
+                self.blocks[index / N] = Some(self.fresh());
+            }
+            let own = self.own(index / N).expect("was made where it was missing");
+            own[index % N] = slot;
         }
         index
     }
@@ -100,17 +128,32 @@ impl<T: Clone, const N: usize> IdVec<T, N> {
     /// The value for writing; its block is copied first when it is shared with a snapshot.
     pub fn get_mut(&mut self, index: usize) -> Option<&mut T> {
         self.get(index)?; // a hole is no reason to copy
-        Arc::make_mut(self.blocks[index / N].as_mut()?)[index % N].as_mut()
+        self.own(index / N)?[index % N].as_mut()
+    }
+
+    /// A block for writing; it is copied first when it is shared.
+    fn own(&mut self, block: usize) -> Option<&mut Block<T, N>> {
+        let shared = self.blocks[block].as_mut()?;
+        if Arc::get_mut(shared).is_none() {
+            let mut copy = self.fresh();
+            let values = Arc::get_mut(&mut copy).expect("nobody else has it");
+            values.clone_from_slice(&**self.blocks[block].as_ref()?);
+            self.blocks[block] = Some(copy);
+        }
+        Arc::get_mut(self.blocks[block].as_mut()?)
     }
 
     /// Removes a value; true when it was there.
     pub fn remove(&mut self, index: usize) -> bool {
-        let Some(block) = self.blocks.get_mut(index / N) else { return false };
-        let Some(shared) = block.as_mut().filter(|shared| shared[index % N].is_some()) else { return false };
-        if shared.iter().flatten().nth(1).is_some() {
-            Arc::make_mut(shared)[index % N] = None;
-        } else {
-            *block = None;
+        let Some(Some(block)) = self.blocks.get(index / N) else { return false };
+        if block[index % N].is_none() {
+            return false;
+        }
+        if block.iter().flatten().nth(1).is_none() {
+            let last = self.blocks[index / N].take().and_then(emptied);
+            self.spare.lock().unwrap_or_else(PoisonError::into_inner).extend(last);
+        } else if let Some(own) = self.own(index / N) {
+            own[index % N] = None;
         }
         self.live -= 1;
         true

@@ -49,7 +49,9 @@ impl Map {
     fn check_points_and_edges(&self, k: &KeyFrame) -> Result<(), MapProblem> {
         for (i, id) in (0u32..).zip(&k.points).filter_map(|(i, p)| p.map(|p| (i, p))) {
             let sighting = self.point(id).and_then(|p| p.sighting(k.id));
-            ensure(sighting.is_some_and(|s| s.index == i), || format!("{id} is not seen by keypoint {i} of {}", k.id))?;
+            ensure(sighting.is_some_and(|s| u32::from(s.index) == i), || {
+                format!("{id} is not seen by keypoint {i} of {}", k.id)
+            })?;
         }
         let order = |(id, weight): &(KeyFrameId, u32)| (std::cmp::Reverse(*weight), *id);
         let sorted = k.covisible.is_sorted_by(|a, b| order(a) < order(b));

@@ -158,10 +158,14 @@ impl Map {
         if self.point(point).is_none() || k.points[index as usize].is_some() {
             return false;
         }
-        let with_depth = k.obs.depth(index as usize).is_some();
+        let sighting = Sighting {
+            keyframe,
+            index: u16::try_from(index).expect("the configuration allows no more keypoints"),
+            with_depth: k.obs.depth(index as usize).is_some(),
+        };
         let seen_in = &mut self.points.get_mut(point.index()).expect("checked above").seen_in;
         let Err(position) = seen_in.binary_search_by_key(&keyframe, |s| s.keyframe) else { return false };
-        seen_in.insert(position, Sighting { keyframe, index, with_depth });
+        seen_in.insert(position, sighting);
         self.keyframe_mut(keyframe).points[index as usize] = Some(point);
         true
     }
@@ -194,7 +198,7 @@ impl Map {
         let Some(dropped) = self.point(drop).cloned() else { return false };
         self.cull_point(drop);
         for sighting in &dropped.seen_in {
-            self.observe(keep, sighting.keyframe, sighting.index);
+            self.observe(keep, sighting.keyframe, u32::from(sighting.index));
         }
         self.with_point(keep, |p| {
             p.visible += dropped.visible;

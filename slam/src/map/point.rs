@@ -15,14 +15,14 @@ use crate::report::KeypointClass;
 pub struct Sighting {
     /// Who sees it.
     pub keyframe: KeyFrameId,
-    /// With which keypoint.
-    pub index: u32,
+    /// With which keypoint; a picture has no more, see `orb.features`.
+    pub index: u16,
     /// Whether the keypoint has depth.
     pub with_depth: bool,
 }
 
 /// Observations of a point; so many fit without memory of their own, which most points need no more of.
-pub type Sightings = SmallVec<[Sighting; 12]>;
+pub type Sightings = SmallVec<[Sighting; 18]>;
 
 /// How to recognise a point: fields of [`MapPoint`] that follow from its observations.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

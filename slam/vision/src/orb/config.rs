@@ -5,7 +5,7 @@ use crate::VisionError;
 /// Settings of [`crate::OrbExtractor`]. The defaults are those of ORB-SLAM for 640 x 480 RGB-D sequences.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OrbConfig {
-    /// Largest number of features per image, shared among the levels in proportion to their width.
+    /// Largest number of features per image, at most 65,535, shared among the levels in proportion to their width.
     pub features: usize,
     /// Ratio of the sizes of neighbouring pyramid levels, above 1 and at most 4.
     pub scale_factor: f64,
@@ -29,8 +29,8 @@ impl OrbConfig {
     /// Checks every setting against its range.
     pub fn validate(&self) -> Result<(), VisionError> {
         let refuse = |name, value, allowed| Err(VisionError::Config { name, value, allowed });
-        if self.features == 0 || self.features > 1_000_000 {
-            return refuse("features", self.features as f64, "1 to 1000000");
+        if self.features == 0 || self.features > usize::from(u16::MAX) {
+            return refuse("features", self.features as f64, "1 to 65535");
         }
         if !(self.scale_factor > 1.0 && self.scale_factor <= 2.0) {
             return refuse("scale_factor", self.scale_factor, "above 1 and at most 2");

@@ -38,14 +38,21 @@ pub struct Features {
 }
 
 impl Features {
-    fn new(buffers: &Buffers) -> Self {
-        Self {
+    /// Room for so many.
+    fn new(buffers: &Buffers, n: usize) -> Self {
+        let mut features = Self {
             pixel: buffers.empty(),
             octave: buffers.empty(),
             angle: buffers.empty(),
             response: buffers.empty(),
             descriptor: buffers.empty(),
-        }
+        };
+        features.pixel.reserve(n);
+        features.octave.reserve(n);
+        features.angle.reserve(n);
+        features.response.reserve(n);
+        features.descriptor.reserve(n);
+        features
     }
 
     /// Number of keypoints.
@@ -138,7 +145,7 @@ impl OrbExtractor {
     pub fn extract_with(&self, gray: &GrayImage, parts: Option<&Parts<'_>>, workspace: &mut Workspace) -> Features {
         assert_eq!(gray.data.len(), gray.width * gray.height, "pixels of a {} x {} image", gray.width, gray.height);
         let mut pyramid = std::mem::take(&mut workspace.pyramid);
-        let mut features = Features::new(&workspace.buffers);
+        let mut features = Features::new(&workspace.buffers, self.config.features);
         for octave in 0..self.scales.len() {
             let level = if octave == 0 { gray } else { pyramid.level(self.kernels, gray, octave, self.scales[octave]) };
             if level.width <= 2 * PATCH_MARGIN || level.height <= 2 * PATCH_MARGIN {
