@@ -3,57 +3,17 @@
 //! Allocations of the steps of the second half of a log, a frame on average: those of features, those of each piece of work
 //! inside a frame, and the bytes asked for. Background jobs run inline and count under `jobs`.
 
+#[path = "../../slam/tests/counting/mod.rs"]
+mod counting;
 #[path = "verdicts/steps.rs"]
 mod steps;
 
-use std::alloc::{GlobalAlloc, Layout, System};
 use std::path::Path;
 use std::process::ExitCode;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use slam::{Config, Observer, Work};
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
-
-/// Counts what is asked of the system's allocator.
-struct Counting;
-
-static CALLS: AtomicU64 = AtomicU64::new(0);
-static BYTES: AtomicU64 = AtomicU64::new(0);
-
-fn count(bytes: usize) {
-    CALLS.fetch_add(1, Ordering::Relaxed);
-    BYTES.fetch_add(bytes as u64, Ordering::Relaxed);
-}
-
-// SAFETY: every call goes to the system's allocator as it is.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        count(layout.size());
-        // SAFETY: the caller's promises are passed on.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        count(layout.size());
-        // SAFETY: the caller's promises are passed on.
-        unsafe { System.alloc_zeroed(layout) }
-    }
-
-    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        count(size.saturating_sub(layout.size()));
-        // SAFETY: the caller's promises are passed on.
-        unsafe { System.realloc(pointer, layout, size) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the caller's promises are passed on.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
 
 /// Pieces: features, then [`Work::ALL`].
 #[derive(Default)]
@@ -65,7 +25,7 @@ struct Tally {
 
 impl Tally {
     fn lap(&mut self) -> [u64; 2] {
-        let now = [CALLS.load(Ordering::Relaxed), BYTES.load(Ordering::Relaxed)];
+        let now = counting::asked();
         let before = std::mem::replace(&mut self.last, now);
         [now[0] - before[0], now[1] - before[1]]
     }

@@ -32,10 +32,27 @@ impl Buffers {
         Buffer { vec, home: Some(self.clone()) }
     }
 
+    /// An empty vector with room for `n` values: the smallest that has it, so that small lists do not hold the memory of
+    /// large ones.
+    #[must_use]
+    pub fn with_room<T: Send + 'static>(&self, n: usize) -> Buffer<T> {
+        let vec = self.with_shelf(|shelf: &mut Vec<Vec<T>>| {
+            let fits = |(i, vec): (usize, &Vec<T>)| (vec.capacity() >= n).then_some((vec.capacity(), i));
+            let best = shelf.iter().enumerate().filter_map(fits).min();
+            best.map(|(_, i)| shelf.swap_remove(i)).or_else(|| shelf.pop())
+        });
+        let mut vec = vec.unwrap_or_default();
+        if vec.capacity() < n {
+            // A little more than needed: the next one may want a little more too.
+            vec.reserve_exact(n + n / 8);
+        }
+        Buffer { vec, home: Some(self.clone()) }
+    }
+
     /// `n` times the same value.
     #[must_use]
     pub fn filled<T: Clone + Send + 'static>(&self, n: usize, value: T) -> Buffer<T> {
-        let mut buffer = self.empty();
+        let mut buffer = self.with_room(n);
         buffer.resize(n, value);
         buffer
     }
@@ -43,7 +60,9 @@ impl Buffers {
     /// The values of an iterator.
     #[must_use]
     pub fn collect<T: Send + 'static>(&self, values: impl IntoIterator<Item = T>) -> Buffer<T> {
-        let mut buffer = self.empty();
+        let values = values.into_iter();
+        let (at_least, at_most) = values.size_hint();
+        let mut buffer = self.with_room(at_most.unwrap_or(at_least));
         buffer.extend(values);
         buffer
     }

@@ -1,7 +1,7 @@
 //! Points from two views, for keypoints whose depth is missing or worse than the parallax.
 
 use nalgebra::Vector3;
-use slam_math::{KeyFrameId, Se3};
+use slam_math::{Buffer, KeyFrameId, Se3};
 use slam_optimize::triangulate;
 use slam_vision::hamming;
 
@@ -21,18 +21,18 @@ pub(super) fn triangulate_with_neighbours(
 ) -> u32 {
     let Some(keyframe) = editor.map().keyframe(id) else { return 0 };
     let count = if ctx.is_monocular() { ctx.config.monocular.neighbours } else { ctx.config.mapping.neighbours };
-    let neighbours: Vec<KeyFrameId> = keyframe.best_covisible(count).collect();
+    let neighbours = ctx.buffers.collect(keyframe.best_covisible(count));
     let mut created = 0;
-    for neighbour in neighbours {
+    for &neighbour in &neighbours {
         let map = editor.map();
         let (Some(a), Some(b)) = (map.keyframe(id), map.keyframe(neighbour)) else { continue };
         if (a.center() - b.center()).norm() < min_baseline(ctx, map, b) {
             continue;
         }
         let frame = a.frame;
-        let made = |(i, j)| make_point(ctx, a, i, b, j).map(|position| (i, j, position));
-        let found: Vec<_> = epipolar_matches(ctx, a, b).into_iter().filter_map(made).collect();
-        for (i, j, position) in found {
+        let made = |&(i, j): &(usize, usize)| make_point(ctx, a, i, b, j).map(|position| (i, j, position));
+        let found = ctx.buffers.collect(epipolar_matches(ctx, a, b).iter().filter_map(made));
+        for &(i, j, position) in &found {
             let point = editor.map().next_point();
             let new = NewPoint { position, keyframe: id, index: i as u32, frame, class: KeypointClass::Stuff };
             add_point(ctx, editor, young, new);
@@ -50,7 +50,7 @@ fn min_baseline(ctx: &Context, map: &Map, keyframe: &KeyFrame) -> f64 {
         return ctx.bf / ctx.pinhole.fx;
     }
     let points = keyframe.points.iter().flatten().filter_map(|id| map.point(*id));
-    let mut depths: Vec<f64> = points.map(|p| keyframe.camera_from_world.transform(&p.position)[2]).collect();
+    let mut depths = ctx.buffers.collect(points.map(|p| keyframe.camera_from_world.transform(&p.position)[2]));
     let middle = depths.len() / 2;
     if depths.is_empty() {
         return f64::INFINITY;
@@ -59,16 +59,12 @@ fn min_baseline(ctx: &Context, map: &Map, keyframe: &KeyFrame) -> f64 {
 }
 
 /// Pairs of free usable keypoints with similar descriptors near each other's epipolar line, each keypoint at most once.
-fn epipolar_matches(ctx: &Context, a: &KeyFrame, b: &KeyFrame) -> Vec<(usize, usize)> {
-    let free = |k: &KeyFrame| {
-        let mut free = Vec::with_capacity(k.obs.len());
-        free.extend((0..k.obs.len()).filter(|i| k.usable[*i] && k.points[*i].is_none()));
-        free
-    };
+fn epipolar_matches(ctx: &Context, a: &KeyFrame, b: &KeyFrame) -> Buffer<(usize, usize)> {
+    let free = |k: &KeyFrame| ctx.buffers.collect((0..k.obs.len()).filter(|i| k.usable[*i] && k.points[*i].is_none()));
     let b_from_a = b.camera_from_world * a.camera_from_world.inverse();
     let epipole = ctx.camera.project(b_from_a.translation);
     let (free_a, free_b) = (free(a), free(b));
-    let mut owner: Vec<Option<(u32, usize)>> = vec![None; b.obs.len()];
+    let mut owner: Buffer<Option<(u32, usize)>> = ctx.buffers.filled(b.obs.len(), None);
     for &i in &free_a {
         let ray = ctx.camera.unproject(a.obs.pixel[i], 1.0);
         let line = EpipolarLine::new(ctx, &b_from_a, &ray);
@@ -97,7 +93,7 @@ fn epipolar_matches(ctx: &Context, a: &KeyFrame, b: &KeyFrame) -> Vec<(usize, us
             owner[j] = Some((distance, i));
         }
     }
-    let mut pairs: Vec<(usize, usize)> = owner.iter().enumerate().filter_map(|(j, o)| o.map(|(_, i)| (i, j))).collect();
+    let mut pairs = ctx.buffers.collect(owner.iter().enumerate().filter_map(|(j, o)| o.map(|(_, i)| (i, j))));
     pairs.sort_unstable();
     pairs
 }

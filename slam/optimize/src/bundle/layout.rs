@@ -8,8 +8,8 @@ use slam_math::{Buffer, Buffers};
 use super::{BaObservation, BaProblem};
 use crate::camera::Measurement;
 
-/// Points a work item; constant, so that no sum depends on the number of threads.
-const CHUNK: usize = 64;
+/// Edges of a work item, if it has more than one point; constant, so that nothing depends on the number of threads.
+pub(super) const CHUNK_EDGES: usize = 512;
 
 /// A point and a pose that are tied by one observation, or by several.
 pub(super) struct Edge {
@@ -33,6 +33,8 @@ pub(super) struct Layout {
     pub edges_of_free: Buffer<Buffer<usize>>,
     /// Work items: consecutive points.
     pub chunks: Buffer<Range<usize>>,
+    /// Work item of each point.
+    pub chunk_of_point: Buffer<usize>,
 }
 
 impl Layout {
@@ -43,7 +45,7 @@ impl Layout {
             free_of[pose] = Some(free);
         }
         let sorted = sorted_observations(problem, buffers);
-        let mut edges: Buffer<Edge> = buffers.empty();
+        let mut edges: Buffer<Edge> = buffers.with_room(sorted.len());
         for (at, (_, o)) in sorted.iter().enumerate() {
             let (point, pose) = (o.point as usize, o.pose as usize);
             match edges.last_mut() {
@@ -64,20 +66,29 @@ impl Layout {
             }
             *range = start..end;
         }
-        let n = problem.points.len();
-        let chunks = buffers.collect((0..n).step_by(CHUNK).map(|start| start..usize::min(start + CHUNK, n)));
+        let (chunks, chunk_of_point) = chunks(&edges_of_point, buffers);
         let observations = buffers.collect(sorted.iter().map(|(index, o)| (*index, o.measurement)));
-        Self { observations, edges, edges_of_point, free_poses, edges_of_free, chunks }
-    }
-
-    pub fn chunk_of(point: usize) -> usize {
-        point / CHUNK
+        Self { observations, edges, edges_of_point, free_poses, edges_of_free, chunks, chunk_of_point }
     }
 
     /// Edges of the points of a chunk: consecutive.
     pub fn edges_of_chunk(&self, points: &Range<usize>) -> Range<usize> {
         self.edges_of_point[points.start].start..self.edges_of_point[points.end - 1].end
     }
+}
+
+/// Work items, and the work item of each point.
+fn chunks(edges_of_point: &[Range<usize>], buffers: &Buffers) -> (Buffer<Range<usize>>, Buffer<usize>) {
+    let mut chunks: Buffer<Range<usize>> = buffers.empty();
+    let mut chunk_of_point = buffers.with_room(edges_of_point.len());
+    for (point, edges) in edges_of_point.iter().enumerate() {
+        match chunks.last_mut() {
+            Some(last) if edges.end - edges_of_point[last.start].start <= CHUNK_EDGES => last.end = point + 1,
+            _ => chunks.push(point..point + 1),
+        }
+        chunk_of_point.push(chunks.len() - 1);
+    }
+    (chunks, chunk_of_point)
 }
 
 fn free_poses(problem: &BaProblem, buffers: &Buffers) -> Buffer<usize> {

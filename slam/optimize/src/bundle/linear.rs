@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Matrix6x3, Vector3};
 use slam_math::{Buffer, Buffers, Se3, par};
 
-use super::layout::Layout;
+use super::layout::{CHUNK_EDGES, Layout};
 use crate::camera::{DepthCamera, Linearized, pose_point};
 use crate::robust::Gates;
 
@@ -50,14 +50,14 @@ pub(super) struct Model {
 pub(super) struct Linearization(Vec<Chunk>);
 
 impl Linearization {
-    pub fn point(&self, point: usize) -> &PointBlock {
-        let chunk = &self.0[Layout::chunk_of(point)];
+    pub fn point(&self, layout: &Layout, point: usize) -> &PointBlock {
+        let chunk = &self.0[layout.chunk_of_point[point]];
         &chunk.points[point - chunk.first_point]
     }
 
     /// Block of an edge of a point.
-    pub fn edge(&self, point: usize, edge: usize) -> &EdgeBlock {
-        let chunk = &self.0[Layout::chunk_of(point)];
+    pub fn edge(&self, layout: &Layout, point: usize, edge: usize) -> &EdgeBlock {
+        let chunk = &self.0[layout.chunk_of_point[point]];
         &chunk.edges[edge - chunk.first_edge]
     }
 }
@@ -70,8 +70,8 @@ impl Model {
             let mut chunk = Chunk {
                 first_point: points.start,
                 first_edge: edges.start,
-                points: self.buffers.empty(),
-                edges: self.buffers.empty(),
+                points: self.buffers.with_room(points.len()),
+                edges: self.buffers.with_room(usize::max(edges.len(), CHUNK_EDGES)),
             };
             for point in points.clone() {
                 self.linearize_point(point, state, robust, active, &mut chunk);
@@ -110,7 +110,7 @@ impl Model {
     pub fn chi2(&self, state: &State) -> Buffer<Option<f64>> {
         let chunk = |_: usize, points: &std::ops::Range<usize>| {
             let edges = self.layout.edges_of_chunk(points);
-            let mut out = self.buffers.empty();
+            let mut out = self.buffers.with_room(edges.len());
             for edge in &self.layout.edges[edges] {
                 let x = state.poses[edge.pose].transform(&state.points[edge.point]);
                 let seen = &self.layout.observations[edge.observations.clone()];
@@ -119,7 +119,9 @@ impl Model {
             out
         };
         let chunks = par::ordered_map(&self.layout.chunks, chunk);
-        self.buffers.collect(chunks.iter().flatten().copied())
+        let mut all = self.buffers.with_room(self.layout.observations.len());
+        all.extend(chunks.iter().flatten().copied());
+        all
     }
 
     /// Sum of the kernel over the active observations, in sorted order.

@@ -4,7 +4,7 @@ use nalgebra::{Cholesky, Matrix3, Matrix6, Vector3, Vector6};
 use slam_math::{Buffer, par};
 
 use super::cholesky::{BlockCholesky, subtract_product};
-use super::linear::{Linearization, Model};
+use super::linear::{Linearization, Model, PointBlock};
 use crate::camera::{pose_gradient, pose_information};
 use crate::levenberg::Damping;
 
@@ -31,7 +31,7 @@ struct Column {
 pub(super) fn solve(model: &Model, linear: &Linearization, damping: &Damping) -> Option<Step> {
     let Model { layout, buffers, .. } = model;
     let points = 0..layout.edges_of_point.len();
-    let inverses = buffers.collect(points.map(|point| damped_inverse(linear, point, damping)));
+    let inverses = buffers.collect(points.map(|point| damped_inverse(linear.point(layout, point), damping)));
     let mut columns =
         par::ordered_map(&layout.edges_of_free, |free, edges| column(model, linear, damping, &inverses, free, edges));
     let factor = BlockCholesky::new(buffers.collect(columns.iter_mut().map(|c| std::mem::take(&mut c.blocks))))?;
@@ -40,13 +40,13 @@ pub(super) fn solve(model: &Model, linear: &Linearization, damping: &Damping) ->
     for (step, c) in poses.iter().zip(&columns) {
         predicted += step.dot(&(c.damping.component_mul(step) - c.gradient));
     }
-    let mut points = buffers.empty();
+    let mut points = buffers.with_room(inverses.len());
     for (point, inverse) in inverses.iter().enumerate() {
-        let block = linear.point(point);
+        let block = linear.point(layout, point);
         let mut gradient = block.gradient;
         for edge in layout.edges_of_point[point].clone() {
             if let Some(free) = layout.edges[edge].free {
-                gradient += linear.edge(point, edge).pose_point.tr_mul(&poses[free]);
+                gradient += linear.edge(layout, point, edge).pose_point.tr_mul(&poses[free]);
             }
         }
         let step = -(inverse * gradient);
@@ -58,8 +58,8 @@ pub(super) fn solve(model: &Model, linear: &Linearization, damping: &Damping) ->
 }
 
 /// Inverse of a point's damped block; zero, which holds the point, when that can't be formed.
-fn damped_inverse(linear: &Linearization, point: usize, damping: &Damping) -> Matrix3<f64> {
-    let mut damped = linear.point(point).information;
+fn damped_inverse(point: &PointBlock, damping: &Damping) -> Matrix3<f64> {
+    let mut damped = point.information;
     for i in 0..3 {
         damped[(i, i)] += damping.of(damped[(i, i)]);
     }
@@ -81,14 +81,14 @@ fn column(
     let mut reduced_gradient = Vector6::zeros();
     for &edge in edges {
         let point = layout.edges[edge].point;
-        let block = linear.edge(point, edge);
+        let block = linear.edge(layout, point, edge);
         information += pose_information(&block.information, &block.point_in_camera);
         gradient += pose_gradient(&block.gradient, &block.point_in_camera);
         let eliminated = block.pose_point * inverses[point];
-        reduced_gradient -= eliminated * linear.point(point).gradient;
+        reduced_gradient -= eliminated * linear.point(layout, point).gradient;
         for other in edge..layout.edges_of_point[point].end {
             if let Some(row) = layout.edges[other].free {
-                subtract_product(&mut blocks[row - free], &linear.edge(point, other).pose_point, &eliminated);
+                subtract_product(&mut blocks[row - free], &linear.edge(layout, point, other).pose_point, &eliminated);
             }
         }
     }

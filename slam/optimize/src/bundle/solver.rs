@@ -73,6 +73,8 @@ impl Solver {
                 return true;
             }
             if verdict.accepts() {
+                // The old one goes first: its memory is used again.
+                drop(linear);
                 linear = self.model.linearize(&self.state, robust, &self.active);
             }
         }
