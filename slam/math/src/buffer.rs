@@ -183,6 +183,7 @@ impl<'de, T: Deserialize<'de> + Send> Deserialize<'de> for Buffer<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::par::Pool;
 
     #[test]
     fn memory_comes_back_empty() {
@@ -210,7 +211,7 @@ mod tests {
         let buffers = Buffers::default();
         let made = buffers.filled(10, 0u64);
         let memory = made.as_ptr() as usize;
-        std::thread::spawn(move || drop(made)).join().unwrap();
+        Pool::new(1).unwrap().run(move || drop(made));
         assert_eq!(buffers.filled(10, 0u64).as_ptr() as usize, memory);
     }
 }

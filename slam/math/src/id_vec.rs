@@ -17,7 +17,7 @@ type Block<T, const N: usize> = [Option<T>; N];
 #[derive(Debug, Clone)]
 pub struct IdVec<T, const N: usize = 1> {
     blocks: Vec<Option<Arc<Block<T, N>>>>,
-    /// Blocks of holes that nobody else has, of all clones.
+    /// Blocks of holes alone, for all clones.
     spare: Arc<Mutex<Vec<Arc<Block<T, N>>>>>,
     /// Slots in use, holes included.
     used: usize,
@@ -110,11 +110,7 @@ impl<T: Clone, const N: usize> IdVec<T, N> {
         self.used += 1;
         if slot.is_some() {
             self.live += 1;
-            if self.blocks[index / N].is_none() {
-                self.blocks[index / N] = Some(self.fresh());
-            }
-            let own = self.own(index / N).expect("was made where it was missing");
-            own[index % N] = slot;
+            self.own(index / N)[index % N] = slot;
         }
         index
     }
@@ -128,19 +124,19 @@ impl<T: Clone, const N: usize> IdVec<T, N> {
     /// The value for writing; its block is copied first when it is shared with a snapshot.
     pub fn get_mut(&mut self, index: usize) -> Option<&mut T> {
         self.get(index)?; // a hole is no reason to copy
-        self.own(index / N)?[index % N].as_mut()
+        self.own(index / N)[index % N].as_mut()
     }
 
-    /// A block for writing; it is copied first when it is shared.
-    fn own(&mut self, block: usize) -> Option<&mut Block<T, N>> {
-        let shared = self.blocks[block].as_mut()?;
-        if Arc::get_mut(shared).is_none() {
-            let mut copy = self.fresh();
-            let values = Arc::get_mut(&mut copy).expect("nobody else has it");
-            values.clone_from_slice(&**self.blocks[block].as_ref()?);
-            self.blocks[block] = Some(copy);
+    /// A block for writing; it is copied first when it is shared, and made when it is missing.
+    fn own(&mut self, block: usize) -> &mut Block<T, N> {
+        if self.blocks[block].as_mut().is_none_or(|shared| Arc::get_mut(shared).is_none()) {
+            let mut own = self.fresh();
+            if let (Some(shared), Some(own)) = (&self.blocks[block], Arc::get_mut(&mut own)) {
+                own.clone_from_slice(&shared[..]);
+            }
+            self.blocks[block] = Some(own);
         }
-        Arc::get_mut(self.blocks[block].as_mut()?)
+        self.blocks[block].as_mut().and_then(Arc::get_mut).expect("nobody else has it now")
     }
 
     /// Removes a value; true when it was there.
@@ -152,8 +148,8 @@ impl<T: Clone, const N: usize> IdVec<T, N> {
         if block.iter().flatten().nth(1).is_none() {
             let last = self.blocks[index / N].take().and_then(emptied);
             self.spare.lock().unwrap_or_else(PoisonError::into_inner).extend(last);
-        } else if let Some(own) = self.own(index / N) {
-            own[index % N] = None;
+        } else {
+            self.own(index / N)[index % N] = None;
         }
         self.live -= 1;
         true
