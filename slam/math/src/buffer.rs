@@ -15,6 +15,9 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 #[derive(Clone, Default)]
 pub struct Buffers(Arc<Shelves>);
 
+/// Vectors of so many values serve the smallest lists too.
+const SMALL: usize = 64;
+
 /// A `Vec<Vec<T>>` for each type `T`.
 type Shelves = Mutex<BTreeMap<TypeId, Box<dyn Any + Send>>>;
 
@@ -32,14 +35,15 @@ impl Buffers {
         Buffer { vec, home: Some(self.clone()) }
     }
 
-    /// An empty vector with room for `n` values: the smallest that has it, so that small lists do not hold the memory of
-    /// large ones.
+    /// An empty vector with room for `n` values: the smallest that has it and not far more, so that small lists do not hold
+    /// the memory of large ones.
     #[must_use]
     pub fn with_room<T: Send + 'static>(&self, n: usize) -> Buffer<T> {
         let vec = self.with_shelf(|shelf: &mut Vec<Vec<T>>| {
-            let fits = |(i, vec): (usize, &Vec<T>)| (vec.capacity() >= n).then_some((vec.capacity(), i));
-            let best = shelf.iter().enumerate().filter_map(fits).min();
-            best.map(|(_, i)| shelf.swap_remove(i)).or_else(|| shelf.pop())
+            let capacities = || shelf.iter().map(Vec::capacity).zip(0..);
+            let fitting = capacities().filter(|(capacity, _)| (n..=4 * n + SMALL).contains(capacity)).min();
+            let largest_too_small = || capacities().filter(|(capacity, _)| *capacity < n).max();
+            fitting.or_else(largest_too_small).map(|(_, i)| shelf.swap_remove(i))
         });
         let mut vec = vec.unwrap_or_default();
         if vec.capacity() < n {
@@ -197,6 +201,18 @@ mod tests {
         assert_eq!(third, second);
         assert_ne!(third.as_ptr(), memory, "what is in use is not given twice");
         assert_ne!(buffers.filled(1, 7u16).as_ptr().cast(), memory, "nor to other types");
+    }
+
+    #[test]
+    fn large_memory_is_kept_for_large_lists() {
+        let buffers = Buffers::default();
+        let (large, small) = (buffers.filled(10_000, 0u8), buffers.filled(100, 0u8));
+        let memory = [&large, &small].map(|list| list.as_ptr());
+        drop((small, large));
+        let (small, next) = (buffers.filled(90, 0u8), buffers.filled(90, 0u8));
+        let large = buffers.filled(9_000, 0u8);
+        assert_eq!([&large, &small].map(|list| list.as_ptr()), memory);
+        assert!(next.capacity() < 1000, "new memory rather than far too much: {}", next.capacity());
     }
 
     #[test]

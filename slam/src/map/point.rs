@@ -22,7 +22,7 @@ pub struct Sighting {
 }
 
 /// Observations of a point; so many fit without memory of their own, which most points need no more of.
-pub type Sightings = SmallVec<[Sighting; 32]>;
+pub type Sightings = SmallVec<[Sighting; 18]>;
 
 /// How to recognise a point: fields of [`MapPoint`] that follow from its observations.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
