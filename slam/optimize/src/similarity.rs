@@ -2,16 +2,20 @@
 //!
 //! RANSAC on three pairs of points and then Levenberg-Marquardt on the projections both ways: the points of the first
 //! camera into the second image, those of the second into the first (Mur-Artal et al. 2015, "ORB-SLAM", section VII).
+//! Projections say nothing about the scale where both cameras stand at the same place, so each pair's ratio of depths does
+//! its part.
 
 use nalgebra::{Cholesky, Matrix3, SMatrix, SVector, Vector3};
 use slam_math::se3::skew;
-use slam_math::{Rng, Sim3};
+use slam_math::{Rng, Sim3, float};
 
 use crate::absolute::{AbsoluteOptions, similarity_ransac};
 use crate::camera::{DepthCamera, Linearized, Measurement};
 use crate::levenberg::{Budget, Damping, Trial, minimize};
-use crate::robust::Gates;
+use crate::robust::{Gates, Kernel};
 
+/// Of ratios of depths: 95 % of chi-square with one degree of freedom.
+const DEPTH_KERNEL: Kernel = Kernel::Huber { gate: 3.841 };
 /// Optimisations of a similarity, each followed by a new choice of inliers.
 const ROUNDS: u32 = 2;
 
@@ -47,10 +51,13 @@ pub struct SimilarityOptions {
     pub chi2_mono: f64,
     /// The same where the measurement has a disparity: three degrees of freedom.
     pub chi2_stereo: f64,
+    /// Where the scale is free: standard deviation of the logarithm of a pair's ratio of depths.
+    pub log_depth_sigma: f64,
 }
 
 impl Default for SimilarityOptions {
-    /// ORB-SLAM3's numbers (Campos et al. 2021).
+    /// ORB-SLAM3's numbers (Campos et al. 2021). Depths: a point that two views show with a parallax of one degree, the least
+    /// that a map starts with, is known to 1 px / (500 px * 0.0175 rad) = 11 %.
     fn default() -> Self {
         Self {
             fix_scale: false,
@@ -61,6 +68,7 @@ impl Default for SimilarityOptions {
             relative_decrease: 1e-5,
             chi2_mono: 9.210,
             chi2_stereo: 11.345,
+            log_depth_sigma: 0.11,
         }
     }
 }
@@ -111,8 +119,8 @@ pub fn refine_similarity(
     problem.refine(*initial_second_from_first, visible)
 }
 
-/// Two projections of a pair: into the second camera, into the first.
-type Both = [f64; 2];
+/// Chi-square values of a pair: projected into the second camera, into the first, and the ratio of depths.
+type Terms = [f64; 3];
 
 struct Problem<'a> {
     camera: &'a DepthCamera,
@@ -127,20 +135,29 @@ impl<'a> Problem<'a> {
         Self { camera, pairs, options, gates }
     }
 
-    fn chi2_of(&self, pair: &PointPair, motion: &Sim3, back: &Sim3) -> Option<Both> {
+    fn chi2_of(&self, pair: &PointPair, motion: &Sim3, back: &Sim3) -> Option<Terms> {
         let usable = pair.seen_by_first.is_usable() && pair.seen_by_second.is_usable();
-        let into_second = self.camera.chi2(&motion.transform(&pair.in_first), &pair.seen_by_second)?;
+        let in_second = motion.transform(&pair.in_first);
+        let into_second = self.camera.chi2(&in_second, &pair.seen_by_second)?;
         let into_first = self.camera.chi2(&back.transform(&pair.in_second), &pair.seen_by_first)?;
-        usable.then_some([into_second, into_first])
+        let depth = self.log_depth_ratio(&in_second, pair);
+        usable.then_some([into_second, into_first, depth * depth])
     }
 
-    fn chi2(&self, motion: &Sim3) -> Vec<Option<Both>> {
+    /// By how much too far the second camera sees the point of the first, in sigmas; 0 when the scale is fixed.
+    fn log_depth_ratio(&self, in_second: &Vector3<f64>, pair: &PointPair) -> f64 {
+        let ratio = in_second[2] / pair.in_second[2];
+        let is_free = !self.options.fix_scale && ratio > 0.0;
+        if is_free { float::ln(ratio) / self.options.log_depth_sigma } else { 0.0 }
+    }
+
+    fn chi2(&self, motion: &Sim3) -> Vec<Option<Terms>> {
         let back = motion.inverse();
         self.pairs.iter().map(|pair| self.chi2_of(pair, motion, &back)).collect()
     }
 
     fn agrees(&self, pair: &PointPair, motion: &Sim3, back: &Sim3) -> bool {
-        self.chi2_of(pair, motion, back).is_some_and(|[second, first]| {
+        self.chi2_of(pair, motion, back).is_some_and(|[second, first, _]| {
             second <= self.gate(&pair.seen_by_second) && first <= self.gate(&pair.seen_by_first)
         })
     }
@@ -168,8 +185,9 @@ impl<'a> Problem<'a> {
             let mut cost = 0.0;
             for &i in &active {
                 let pair = &self.pairs[i];
-                let [second, first] = self.chi2_of(pair, motion, &back).or(start[i]).unwrap_or_default();
+                let [second, first, depth] = self.chi2_of(pair, motion, &back).or(start[i]).unwrap_or_default();
                 cost += self.kernel(&pair.seen_by_second).cost(second) + self.kernel(&pair.seen_by_first).cost(first);
+                cost += DEPTH_KERNEL.cost(depth);
             }
             cost
         };
@@ -190,7 +208,7 @@ impl<'a> Problem<'a> {
         });
     }
 
-    fn kernel(&self, measurement: &Measurement) -> crate::robust::Kernel {
+    fn kernel(&self, measurement: &Measurement) -> Kernel {
         self.gates.kernel(true, measurement.disparity.is_some())
     }
 
@@ -209,6 +227,14 @@ impl<'a> Problem<'a> {
             add(&x, &by_left_step(&x), &pair.seen_by_second);
             let by_back = back.se3.rotation * -back.scale * by_left_step(&pair.in_second);
             add(&back.transform(&pair.in_second), &by_back, &pair.seen_by_first);
+        }
+        for pair in active.iter().map(|&i| &self.pairs[i]).filter(|_| !self.options.fix_scale) {
+            let x = motion.transform(&pair.in_first);
+            let residual = self.log_depth_ratio(&x, pair);
+            let by_motion = by_left_step(&x).row(2).transpose() / (x[2] * self.options.log_depth_sigma);
+            let weight = DEPTH_KERNEL.weight(residual * residual);
+            information += by_motion * by_motion.transpose() * weight;
+            gradient += by_motion * (residual * weight);
         }
         if self.options.fix_scale {
             information.row_mut(6).fill(0.0);
@@ -256,7 +282,9 @@ mod tests {
         let options = SimilarityOptions { chi2_mono: 1e9, chi2_stereo: 1e9, ..SimilarityOptions::default() };
         let problem = Problem::new(&camera, &pairs, &options);
         let all: Vec<usize> = (0..10).collect();
-        let cost = |motion: &Sim3| problem.chi2(motion).iter().flatten().map(|[a, b]| a + b).sum::<f64>();
+        let cost = |motion: &Sim3| {
+            problem.chi2(motion).iter().flatten().map(|[a, b, c]| a + b + DEPTH_KERNEL.cost(*c)).sum::<f64>()
+        };
         let (_, gradient) = problem.normal_equations(&motion, &all);
         for c in 0..7 {
             let mut step = SVector::<f64, 7>::zeros();

@@ -1,7 +1,7 @@
 //! Is a candidate the same place? Geometry decides, and other keyframes must agree.
 
 use serde::{Deserialize, Serialize};
-use slam_math::{KeyFrameId, MapId, MapPointId, Rng, Sim3};
+use slam_math::{KeyFrameId, MapId, MapPointId, Rng, Se3, Sim3};
 use slam_optimize::{DepthCamera, find_similarity};
 
 use super::candidates::Candidates;
@@ -151,9 +151,21 @@ fn search_and_refine(ctx: &Context, map: &Map, keyframe: &KeyFrame, place: &Plac
         return None;
     }
     let (pairs, visible) = place.search(ctx, map, keyframe, &pose.to_se3(), l.radius_refined_px);
-    let (camera_from_world, pairs) = refine(ctx, map, keyframe, place, &pairs, &pose)?;
-    let share = pairs.len() as f64 / visible.max(1) as f64;
-    (pairs.len() >= l.min_final && share >= l.min_found_share).then_some(Verified { camera_from_world, pairs })
+    let (camera_from_world, fitting) = refine(ctx, map, keyframe, place, &pairs, &pose)?;
+    // Not only those that fit: without depth they are few, since the keyframe must know a point of its own there.
+    let seen = count_seen(ctx, map, keyframe, &pairs, &camera_from_world.to_se3());
+    let share = seen as f64 / visible.max(1) as f64;
+    let is_found = fitting.len() >= l.min_final && share >= l.min_found_share;
+    is_found.then_some(Verified { camera_from_world, pairs: fitting })
+}
+
+/// Pairs whose points lie where the keyframe shows them.
+fn count_seen(ctx: &Context, map: &Map, keyframe: &KeyFrame, pairs: &Pairing, camera_from_world: &Se3) -> usize {
+    let is_there = |(index, id): &&(u32, MapPointId)| {
+        let in_camera = map.point(*id).map(|point| camera_from_world.transform(&point.position));
+        in_camera.is_some_and(|x| ctx.fits(&keyframe.obs, *index as usize, &x))
+    };
+    pairs.iter().filter(is_there).count()
 }
 
 /// A later keyframe looks for the pending place where the earlier ones found it.

@@ -77,7 +77,14 @@ impl Slam {
         self.waiting.adjust = Some(into);
         let text = if into == found.part {
             let degrees = found.corrected_from_world.se3.angle() * 180.0 / std::f64::consts::PI;
-            format!("loop closed: {keyframe} sees {matched} again, {moved_m:.3} m and {degrees:.2} degrees off")
+            // Without depth lengths have no unit, and what drifts is the scale too.
+            let (unit, scale) = match self.context().is_monocular() {
+                true => ("units", format!(", {:.3} times as large", found.corrected_from_world.scale)),
+                false => ("m", String::new()),
+            };
+            format!(
+                "loop closed: {keyframe} sees {matched} again, {moved_m:.3} {unit} and {degrees:.2} degrees off{scale}"
+            )
         } else {
             format!("{} joined {into} at {matched}", found.part)
         };
