@@ -86,12 +86,13 @@ impl Map {
 }
 
 impl Observation {
-    /// Whether all arrays are of one length and no level is beyond the last.
+    /// Whether all arrays are of one length, no longer than sightings can count, and no level is beyond the last.
     fn is_sound(&self, levels: usize) -> bool {
         let n = self.len();
         let lengths = [self.raw_pixel.len(), self.octave.len(), self.angle.len(), self.descriptor.len()];
         let lengths = lengths.into_iter().chain([self.depth_m.len(), self.label.len()]);
         lengths.into_iter().all(|len| len == n)
+            && n <= usize::from(u16::MAX)
             && self.octave.iter().all(|octave| usize::from(*octave) < levels)
             && self.grid.is_of(n)
     }
