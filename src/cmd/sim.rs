@@ -153,7 +153,7 @@ fn path(source: &str) -> anyhow::Result<Path> {
 }
 
 fn synthetic(scene: &str) -> anyhow::Result<Path> {
-    let known = scenario::NAMED.map(|(name, _)| name).join(", ");
+    let known = scenario::names();
     let config = scenario::by_name(scene);
     let config = config.ok_or_else(|| Usage(format!("there is no scene `{scene}`; choose {known}")))?;
     let world = World::new(&config)?;

@@ -14,11 +14,12 @@ pub use degrade::Degrade;
 pub use run::{Cell, Done, SequenceReport, SuiteReport, run};
 
 /// The suites that come with the program: name and text.
-pub const BUILT_IN: [(&str, &str); 6] = [
+pub const BUILT_IN: [(&str, &str); 7] = [
     ("tum", include_str!("../../fixtures/suites/tum.toml")),
     ("bonn", include_str!("../../fixtures/suites/bonn.toml")),
     ("quadruped", include_str!("../../fixtures/suites/quadruped.toml")),
     ("kitchens", include_str!("../../fixtures/suites/kitchens.toml")),
     ("synthetic", include_str!("../../fixtures/suites/synthetic.toml")),
+    ("unseen", include_str!("../../fixtures/suites/unseen.toml")),
     ("hard", include_str!("../../fixtures/suites/hard.toml")),
 ];

@@ -88,7 +88,7 @@ fn import(sequence: &Sequence, folder: &Path, data: &Path, log: &Path, progress:
 }
 
 fn render(name: &str, log: &Path, progress: Progress) -> anyhow::Result<()> {
-    let known = scenario::NAMED.map(|(name, _)| name).join(", ");
+    let known = scenario::names();
     let config = scenario::by_name(name);
     let config = config.ok_or_else(|| Usage(format!("there is no scenario `{name}`; choose {known}")))?;
     let world = World::new(&config).with_context(|| format!("scenario {name}"))?;

@@ -28,11 +28,15 @@ impl std::fmt::Debug for Buffers {
 }
 
 impl Buffers {
-    /// An empty vector.
+    /// An empty vector for a list of unknown length: the largest. A small one would grow, and be missing where it sufficed:
+    /// there would be ever more large ones.
     #[must_use]
     pub fn empty<T: Send + 'static>(&self) -> Buffer<T> {
-        let vec = self.with_shelf(Vec::pop).unwrap_or_default();
-        Buffer { vec, home: Some(self.clone()) }
+        let vec = self.with_shelf(|shelf: &mut Vec<Vec<T>>| {
+            let largest = shelf.iter().map(Vec::capacity).zip(0..).max();
+            largest.map(|(_, i)| shelf.swap_remove(i))
+        });
+        Buffer { vec: vec.unwrap_or_default(), home: Some(self.clone()) }
     }
 
     /// An empty vector with room for `n` values: the smallest that has it and not far more, so that small lists do not hold
@@ -65,8 +69,7 @@ impl Buffers {
     #[must_use]
     pub fn collect<T: Send + 'static>(&self, values: impl IntoIterator<Item = T>) -> Buffer<T> {
         let values = values.into_iter();
-        let (at_least, at_most) = values.size_hint();
-        let mut buffer = self.with_room(at_most.unwrap_or(at_least));
+        let mut buffer = values.size_hint().1.map_or_else(|| self.empty(), |at_most| self.with_room(at_most));
         buffer.extend(values);
         buffer
     }
