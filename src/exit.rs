@@ -10,7 +10,8 @@ use replayer::card::CardError;
 use replayer::eval::EvalError;
 use replayer::export::ExportError;
 use replayer::run::RunError;
-use slam::ConfigError;
+use slam::{ConfigError, SlamError};
+use slam_vision::VisionError;
 use std::error::Error;
 use std::fmt;
 use std::process::ExitCode;
@@ -92,7 +93,7 @@ fn is_run_usage(error: &RunError) -> bool {
         RunError::SaveFrame { .. } | RunError::OtherState { .. } => true,
         RunError::Vocabulary(error) => matches!(error, VocabularyFileError::Digest { .. }),
         // Transparent errors are not links of the chain of their own.
-        RunError::Config(_) => true,
+        RunError::Config(_) | RunError::Slam(SlamError::Vision(VisionError::Config { .. })) => true,
         RunError::Output(error) => !matches!(error, OutputError::Io { .. }),
         _ => false,
     }

@@ -114,7 +114,7 @@ impl Suite {
     /// # Errors
     /// Not TOML, an unknown key, a name used twice or not defined, no or several sources of a sequence.
     pub fn parse(text: &str) -> anyhow::Result<Self> {
-        let suite: Self = toml::from_str(text)?;
+        let suite: Self = toml::from_str(text).map_err(|error| Usage(error.to_string()))?;
         suite.check()?;
         Ok(suite)
     }

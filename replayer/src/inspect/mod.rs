@@ -115,7 +115,7 @@ impl Inspector {
     /// # Errors
     /// [`InspectError::Rrd`].
     pub fn finish(mut self, estimate: &Trajectory, truth: Option<&Trajectory>) -> Result<PathBuf, InspectError> {
-        let has_error = truth::log(&mut self.file, &self.times, estimate, truth)?;
+        let has_error = truth::log(&mut self.file, self.setup.sensor, &self.times, estimate, truth)?;
         let size = [self.setup.camera.width, self.setup.camera.height];
         self.file.blueprint(&layout::layout(size, frame_rate(&self.times), estimate, has_error))?;
         Ok(self.file.finish()?)

@@ -1,7 +1,8 @@
 //! What is only known at the end: the final trajectory beside the true one, and the error over time.
 
 use rrd::{At, Lines3d, Points3d, Radius, Rgba, RrdError, RrdWriter, Scalars, SeriesLines};
-use slam_math::Se3;
+use slam::Sensor;
+use slam_math::{Se3, Sim3};
 
 use super::style;
 use super::world::point;
@@ -10,9 +11,11 @@ use crate::eval::{EvalOptions, Evaluation, Trajectory, evaluate};
 /// Entity of the error over time.
 pub const ERROR: &str = "/plots/error";
 
-/// Logs the final trajectory and, where the truth can be laid over it, the truth and the error; tells whether it could.
+/// Logs the final trajectory and, where the truth can be laid over it, the truth and the error; tells whether it could. A
+/// path that `sensor` gives no unit of length is compared with its scale free.
 pub fn log(
     file: &mut RrdWriter,
+    sensor: Sensor,
     times: &[At],
     estimate: &Trajectory,
     truth: Option<&Trajectory>,
@@ -21,7 +24,9 @@ pub fn log(
     log_line(file, "/world/trajectory/final", centers, style::PALE)?;
     let Some(truth) = truth else { return Ok(false) };
     // A track too short or too straight for an alignment simply has no truth to show.
-    let Ok(evaluation) = evaluate(truth, estimate, None, &EvalOptions::default()) else { return Ok(false) };
+    let Ok(evaluation) = evaluate(truth, estimate, None, &EvalOptions::for_sensor(sensor.name())) else {
+        return Ok(false);
+    };
     let estimate_from_truth = truth_from_estimate(&evaluation).inverse();
     let inside = |ns: i64| match (estimate.poses.first(), estimate.poses.last()) {
         (Some(first), Some(last)) => (nanoseconds(first.stamp)..=nanoseconds(last.stamp)).contains(&ns),
@@ -63,10 +68,11 @@ fn log_line(file: &mut RrdWriter, entity: &str, line: Vec<[f32; 3]>, color: Rgba
     file.log(entity, At::Static, &Lines3d { strips: &[line], colors: &[color], radii: &[Radius::Ui(1.2)] })
 }
 
-fn truth_from_estimate(evaluation: &Evaluation) -> Se3 {
+fn truth_from_estimate(evaluation: &Evaluation) -> Sim3 {
     let m = &evaluation.truth_from_estimate;
-    Se3 {
+    let se3 = Se3 {
         rotation: nalgebra::Matrix3::new(m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]),
         translation: nalgebra::Vector3::new(m[3], m[7], m[11]),
-    }
+    };
+    Sim3 { scale: evaluation.scale, se3 }
 }
