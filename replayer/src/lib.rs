@@ -12,6 +12,7 @@ pub mod masks;
 mod output;
 pub mod plot;
 pub mod report;
+pub mod robust;
 pub mod run;
 pub mod stopwatch;
 mod truth;

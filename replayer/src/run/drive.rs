@@ -46,7 +46,7 @@ pub(super) struct Stops {
 }
 
 /// A whole replay.
-pub(super) struct Outcome {
+pub(crate) struct Outcome {
     pub result: RunResult,
     pub trajectory: Trajectory,
     pub online: Trajectory,
