@@ -1,6 +1,9 @@
 //! Replays logs under perturbations, two at a time: `cargo run --release -p replayer --example robust -- [-p NAMES] [-c
 //! PRESET[:FILE.toml]]... LOG...`.
 
+#[path = "robust_parts/oracle.rs"]
+mod oracle;
+
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::ExitCode;
@@ -57,7 +60,8 @@ fn args() -> Result<Args> {
 fn run() -> Result<()> {
     let args = args()?;
     for log in &args.logs {
-        let sequence = Sequence::open(Path::new(log), &Config::default(), None)?;
+        let mut sequence = Sequence::open(Path::new(log), &Config::default(), None)?;
+        oracle::apply(&mut sequence)?;
         let name = Path::new(log).file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
         let tasks: Vec<(usize, Perturbation)> =
             (0..args.configs.len()).flat_map(|c| args.perturbations.iter().map(move |p| (c, *p))).collect();

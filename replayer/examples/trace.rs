@@ -1,4 +1,6 @@
 //! scratch
+#[path = "robust_parts/oracle.rs"]
+mod oracle;
 use std::path::Path;
 use std::sync::Arc;
 use replayer::robust::{Perturbation, Sequence};
@@ -19,7 +21,8 @@ fn main() -> Result<()> {
     let args: Vec<String> = std::env::args().collect();
     let cfg = config(&args[2])?;
     let p: Perturbation = args.get(3).map_or(Ok(Perturbation::AsRecorded), |s| s.parse())?;
-    let s = Sequence::open(Path::new(&args[1]), &cfg, None)?;
+    let mut s = Sequence::open(Path::new(&args[1]), &cfg, None)?;
+    oracle::apply(&mut s)?;
     let s = p.apply(&s).ok_or("n/a")?;
     let cfg = p.config(&cfg);
     let mut slam = Slam::new(&cfg, &s.setup)?;
@@ -35,6 +38,14 @@ fn main() -> Result<()> {
     let t: Vec<_> = pairs.iter().map(|(t, _)| s.truth.poses[*t].world_from_camera.translation).collect();
     let e: Vec<_> = pairs.iter().map(|(_, e)| online.poses[*e].world_from_camera.translation).collect();
     let fit = umeyama(&e, &t, false);
+    let fin: Vec<_> = slam.trajectory().collect();
+    let finp = Trajectory { poses: fin.iter().map(|p| StampedPose { stamp: schemas::Stamp(p.stamp.0), world_from_camera: p.world_from_camera }).collect() };
+    for (name, path) in [("online", &online), ("final", &finp)] {
+        for al in [replayer::eval::Alignment::Se3, replayer::eval::Alignment::Sim3] {
+            let o = replayer::eval::EvalOptions { alignment: al, ..Default::default() };
+            if let Ok(v) = replayer::eval::evaluate(&s.truth, path, None, &o) { println!("{name} {al:?} {:.2} mm scale {:.4} rot {:.3} deg, rpe {:?}", v.ate_m.rmse*1e3, v.scale, v.ate_rotation_deg.rmse, v.rpe.iter().map(|r| format!("{:.2}mm {:.3}deg", r.translation_m.as_ref().map_or(f64::NAN, |s| s.rmse)*1e3, r.rotation_deg.as_ref().map_or(f64::NAN, |s| s.rmse))).collect::<Vec<_>>()); }
+        }
+    }
     for r in &rows {
         let c = &r.counts;
         let st = schemas::Stamp(r.stamp.0);

@@ -139,8 +139,6 @@ sections! {
         min_close_share: f64,
         /// ... if so many close ones could be added.
         min_close_untracked: u32,
-        /// Points made from depth in a new keyframe at least.
-        min_points: u32,
     }
 
     /// Local mapping.
@@ -265,8 +263,8 @@ sections! {
         rule: Rule,
         /// Names of the categories that are filtered a priori.
         people_names: Vec<String>,
-        /// Stuff, Things and unknown areas share the keypoints by their area; people get none.
-        share_keypoints: bool,
+        /// Share of the keypoints that strong corners on Stuff are sure of; people get none. 0: labels change no keypoint.
+        stuff_floor: f64,
         /// Short-term association.
         association: AssociationConfig,
         /// The paper's epipolar rule, and the recorded epipolar residuals.
@@ -399,7 +397,9 @@ impl Config {
             _ => return Err(ConfigError::Preset { name: name.into(), known: PRESETS.join(", ") }),
         };
         // Neither the paper's extractor nor one without a filter knows of labels.
-        p.share_keypoints = !matches!(name, "none" | "paper");
+        if matches!(name, "none" | "paper") {
+            p.stuff_floor = 0.0;
+        }
         if name == "paper" {
             p.rule = Rule::Paper;
             p.epipolar.radius_px = 0.0;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use slam_vision::{OrbExtractor, Parts, StereoOptions, Workspace};
 
 use super::SlamError;
-use super::shares::LabelShares;
+use super::shares::LabelParts;
 use crate::config::Config;
 use crate::context::Context;
 use crate::input::{FrameInput, Sensor, Setup};
@@ -52,8 +52,8 @@ impl FrontEnd {
         if let Some(mask) = &input.panoptic {
             self.check_size(input, "panoptic mask", mask.width, mask.height, mask.ids.len())?;
         }
-        let mask = input.panoptic.as_deref().filter(|_| self.ctx.config.panoptic.share_keypoints);
-        Ok(match mask.map(|mask| LabelShares::new(&self.ctx, mask)) {
+        let mask = input.panoptic.as_deref().filter(|_| self.ctx.config.panoptic.stuff_floor > 0.0);
+        Ok(match mask.map(|mask| LabelParts::new(&self.ctx, mask)) {
             Some(shares) => shares.with(|parts| self.extract(input, Some(parts), workspace)),
             None => self.extract(input, None, workspace),
         })

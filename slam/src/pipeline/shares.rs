@@ -1,50 +1,33 @@
-//! What moves must not use up the keypoints of what stands still: parts of the picture that share them by area.
+//! What moves must not use up the keypoints of what stands still: which parts of the picture they are wanted on.
 
 use slam_math::Buffer;
-use slam_vision::Parts;
+use slam_vision::{Part, Parts};
 
 use crate::context::Context;
 use crate::input::PanopticMask;
 use crate::observation::round_to_pixel;
 
-/// Areas are counted at every fourth pixel of every fourth row.
-const STRIDE: usize = 4;
-const STUFF: usize = 0;
-const THINGS: usize = 1;
-const UNKNOWN: usize = 2;
-
-/// The parts of one picture: Stuff, Things and unknown areas; people are none if they are filtered.
-pub(super) struct LabelShares<'a> {
+/// The parts of one picture: Stuff is preferred, people are useless if they are filtered.
+pub(super) struct LabelParts<'a> {
     mask: &'a PanopticMask,
     /// Part of each of the mask's segments.
-    part: Buffer<Option<usize>>,
-    shares: [f64; 3],
+    part: Buffer<Part>,
+    floor: f64,
 }
 
-impl<'a> LabelShares<'a> {
+impl<'a> LabelParts<'a> {
     pub fn new(ctx: &Context, mask: &'a PanopticMask) -> Self {
         let part_of = |category: u16| {
             if ctx.people.contains(&category) && ctx.config.panoptic.people {
-                None
+                Part::Useless
             } else if ctx.is_thing(category) {
-                Some(THINGS)
+                Part::Other
             } else {
-                Some(STUFF)
+                Part::Preferred
             }
         };
         let part = ctx.buffers.collect(mask.segments.iter().map(|segment| part_of(segment.category)));
-        let mut shares = Self { mask, part, shares: [0.0; 3] };
-        let mut counts = [0u32; 3];
-        for row in mask.ids.chunks_exact(mask.width).step_by(STRIDE) {
-            for id in row.iter().step_by(STRIDE) {
-                if let Some(part) = shares.of_label(*id) {
-                    counts[part] += 1;
-                }
-            }
-        }
-        let samples = mask.width.div_ceil(STRIDE) * mask.height.div_ceil(STRIDE);
-        shares.shares = counts.map(|count| f64::from(count) / samples as f64);
-        shares
+        Self { mask, part, floor: ctx.config.panoptic.stuff_floor }
     }
 
     /// Lends the parts to the extractor.
@@ -53,13 +36,13 @@ impl<'a> LabelShares<'a> {
             let [x, y] = pixel.map(|v| round_to_pixel(f64::from(v)));
             self.of_label(self.mask.at(x, y))
         };
-        f(&Parts { of_pixel: &of_pixel, shares: &self.shares })
+        f(&Parts { of_pixel: &of_pixel, floor: self.floor })
     }
 
-    fn of_label(&self, label: u16) -> Option<usize> {
+    fn of_label(&self, label: u16) -> Part {
         match self.mask.segments.binary_search_by_key(&label, |segment| segment.id) {
             Ok(segment) => self.part[segment],
-            Err(_) => Some(UNKNOWN),
+            Err(_) => Part::Other,
         }
     }
 }

@@ -41,7 +41,7 @@ pub use error::VisionError;
 pub use grid::KeypointGrid;
 pub use image::{GrayImage, Image, gray_from_rgb};
 pub use kernels::Kernels;
-pub use orb::{Features, OrbConfig, OrbExtractor, Parts, Workspace};
+pub use orb::{Features, OrbConfig, OrbExtractor, Part, Parts, Workspace};
 pub use place::PlaceIndex;
 pub use places::Places;
 pub use rectify::Rectifier;

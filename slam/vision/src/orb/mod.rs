@@ -68,13 +68,23 @@ impl Features {
     }
 }
 
-/// Parts of an image that share its keypoints in proportion to their area, so that a strongly textured one does not take
-/// those of another.
+/// Parts of an image, so that what moves leaves keypoints to what stands still.
 pub struct Parts<'a> {
-    /// The part of a pixel, an index into `shares`; `None` where keypoints are of no use.
-    pub of_pixel: &'a dyn Fn([f32; 2]) -> Option<usize>,
-    /// Share of the image that each part covers, 0 to 1; of at most 8 parts.
-    pub shares: &'a [f64],
+    /// What a pixel of the image shows.
+    pub of_pixel: &'a dyn Fn([f32; 2]) -> Part,
+    /// Share of a level's keypoints, 0 to 1, that strong corners of [`Part::Preferred`] are sure of.
+    pub floor: f64,
+}
+
+/// What a pixel shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// What keypoints are wanted on most.
+    Preferred,
+    /// Whatever else has corners.
+    Other,
+    /// Keypoints are of no use here.
+    Useless,
 }
 
 /// Memory that [`OrbExtractor::extract_with`] uses again for every frame. Never changes a result.
@@ -86,8 +96,8 @@ pub struct Workspace {
     scores: Vec<u8>,
     peaks: Vec<u8>,
     corners: Vec<Corner>,
-    /// The corners of each part.
-    groups: Vec<Vec<Corner>>,
+    /// Strong corners of the preferred part, and all others.
+    groups: [Vec<Corner>; 2],
     spread: spread::Scratch,
     cell_columns: Vec<(usize, usize)>,
     blurred: Vec<u8>,
@@ -206,21 +216,25 @@ impl OrbExtractor {
             spread::spread(&mut workspace.corners, level.width, level.height, quota, &mut workspace.spread);
             return;
         };
-        let groups = &mut workspace.groups;
-        groups.resize(parts.shares.len(), Vec::new());
-        groups.iter_mut().for_each(Vec::clear);
-        for corner in workspace.corners.drain(..) {
-            if let Some(part) = (parts.of_pixel)(to_base(&corner)) {
-                groups[part].push(corner);
-            }
+        let part = |corner: &Corner| (parts.of_pixel)(to_base(corner));
+        let is_sure = |corner: &Corner| corner.score >= self.config.fast_threshold && part(corner) == Part::Preferred;
+        let [preferred, others] = &mut workspace.groups;
+        (preferred.clear(), others.clear());
+        workspace.corners.retain(|corner| part(corner) != Part::Useless);
+        for corner in &workspace.corners {
+            if is_sure(corner) { preferred.push(*corner) } else { others.push(*corner) }
         }
-        let mut counts = [0; spread::MAX_GROUPS];
-        let counts = &mut counts[..groups.len()];
-        counts.iter_mut().zip(&*groups).for_each(|(count, group)| *count = group.len());
-        for (group, quota) in groups.iter_mut().zip(spread::share_out(quota, counts, parts.shares)) {
-            spread::spread(group, level.width, level.height, quota, &mut workspace.spread);
-            workspace.corners.append(group);
+        let sure = ((quota as f64 * parts.floor).round() as usize).min(preferred.len());
+        let all = &mut workspace.corners;
+        spread::spread(all, level.width, level.height, quota, &mut workspace.spread);
+        if all.iter().filter(|corner| is_sure(corner)).count() >= sure {
+            return;
         }
+        spread::spread(preferred, level.width, level.height, sure, &mut workspace.spread);
+        spread::spread(others, level.width, level.height, quota - sure, &mut workspace.spread);
+        all.clear();
+        all.append(preferred);
+        all.append(others);
         workspace.corners.sort_unstable_by_key(|corner| (corner.y, corner.x));
     }
 

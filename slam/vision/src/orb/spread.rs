@@ -77,45 +77,6 @@ pub(super) fn spread(corners: &mut Vec<Corner>, width: usize, height: usize, quo
     corners.sort_unstable_by_key(|corner| (corner.y, corner.x));
 }
 
-/// Most parts of an image.
-pub(super) const MAX_GROUPS: usize = 8;
-
-/// Shares `quota` among groups of `counts` corners in proportion to `shares` (0 to 1). What a group cannot use goes to the
-/// others; the last of them takes what rounding leaves. Panics with more than [`MAX_GROUPS`].
-pub(super) fn share_out(quota: usize, counts: &[usize], shares: &[f64]) -> [usize; MAX_GROUPS] {
-    let mut given = [0; MAX_GROUPS];
-    let mut is_waiting = [false; MAX_GROUPS];
-    (0..counts.len()).for_each(|group| is_waiting[group] = counts[group] > 0);
-    let mut left = quota;
-    loop {
-        let waiting = || (0..counts.len()).filter(|group| is_waiting[*group]);
-        let Some(last) = waiting().next_back() else { return given };
-        let (total, number) = (waiting().map(|group| shares[group]).sum::<f64>(), waiting().count());
-        // Groups without any area (all shares 0) are as good as each other.
-        let part = |group: usize| if total > 0.0 { shares[group] / total } else { 1.0 / number as f64 };
-        let fair: [usize; MAX_GROUPS] = std::array::from_fn(|group| match is_waiting[group] {
-            true => (left as f64 * part(group)).round() as usize,
-            false => 0,
-        });
-        let is_poor = |group: &usize| counts[*group] <= fair[*group];
-        if !waiting().any(|group| is_poor(&group)) {
-            for group in waiting() {
-                given[group] = fair[group].min(left);
-                left -= given[group];
-            }
-            given[last] = (given[last] + left).min(counts[last]);
-            return given;
-        }
-        let mut served = is_waiting;
-        for group in waiting().filter(is_poor) {
-            given[group] = counts[group].min(left);
-            left -= given[group];
-            served[group] = false;
-        }
-        is_waiting = served;
-    }
-}
-
 /// Total order: the score, then the upper, then the left corner.
 type Strength = (u8, Reverse<u32>, Reverse<u32>);
 
@@ -194,25 +155,6 @@ mod tests {
                 assert_eq!(kept.len(), quota.min(all.len()), "{width} x {height}, quota {quota}");
                 assert!(kept.iter().all(|corner| all.contains(corner)));
             }
-        }
-    }
-
-    fn shared(quota: usize, counts: &[usize], shares: &[f64]) -> Vec<usize> {
-        share_out(quota, counts, shares)[..counts.len()].to_vec()
-    }
-
-    #[test]
-    fn a_quota_is_shared_by_area_and_what_one_group_lacks_goes_to_the_others() {
-        assert_eq!(shared(100, &[500, 500], &[0.3, 0.7]), [30, 70]);
-        assert_eq!(shared(100, &[10, 500], &[0.3, 0.7]), [10, 90]);
-        assert_eq!(shared(100, &[10, 20, 500], &[0.6, 0.3, 0.1]), [10, 20, 70]);
-        assert_eq!(shared(100, &[10, 20], &[0.5, 0.5]), [10, 20], "all there is");
-        assert_eq!(shared(7, &[50, 50], &[0.0, 0.0]).iter().sum::<usize>(), 7);
-        assert_eq!(shared(100, &[0, 0], &[0.5, 0.5]), [0, 0]);
-        for quota in 0..40 {
-            let given = shared(quota, &[9, 9, 9], &[0.31, 0.33, 0.36]);
-            assert_eq!(given.iter().sum::<usize>(), quota.min(27), "{given:?}");
-            assert!(given.iter().all(|n| *n <= 9));
         }
     }
 
