@@ -121,8 +121,14 @@ sections! {
         ratio: f64,
         /// Keyframes of the local map at most.
         local_keyframes: usize,
-        /// Static keypoints below which unconfirmed ones are admitted.
-        min_static_keypoints: u32,
+        /// Inliers below which more keypoints are admitted.
+        good_inliers: u32,
+        /// Standard deviation of the position above which more keypoints are admitted, share of the scene's depth.
+        good_sigma_share: f64,
+        /// Keyframes that must observe a point before it vouches for keypoints of an unconfirmed region ...
+        established_keyframes: u32,
+        /// ... and frames that must have found it.
+        established_frames: u32,
     }
 
     /// When a frame becomes a keyframe.
@@ -269,8 +275,28 @@ sections! {
         association: AssociationConfig,
         /// The paper's epipolar rule, and the recorded epipolar residuals.
         epipolar: EpipolarConfig,
+        /// Regions against the background by matched map points.
+        consensus: ConsensusConfig,
         /// The geometric rule.
         motion: MotionConfig,
+    }
+
+    /// Regions against the background by matched map points.
+    ConsensusConfig {
+        /// Matches on background from which it fixes a pose.
+        min_background: u32,
+        /// Share of them that must agree with each other.
+        min_inlier_share: f64,
+        /// Matches from which a region is asked.
+        min_matches: u32,
+        /// Squared Mahalanobis distance, six degrees of freedom, from which a region disagrees.
+        max_chi2: f64,
+        /// Common error of neighbouring map points along each axis, share of the scene's depth.
+        position_share: f64,
+        /// The same as a turn, radians.
+        rotation_rad: f64,
+        /// Frames in a row from which a region that disagrees moves.
+        frames: u32,
     }
 
     /// Short-term association of regions.

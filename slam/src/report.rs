@@ -149,8 +149,8 @@ pub struct RegionReport {
     pub keypoints: u32,
 }
 
-/// How the static keypoints for tracking were chosen, in falling order of preference.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+/// How the keypoints for tracking were chosen, in falling order of preference.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
 #[repr(u8)]
 pub enum Selection {
     /// Only keypoints judged static.
@@ -158,8 +158,15 @@ pub enum Selection {
     Static,
     /// Too few: those not confirmed yet as well.
     WithUnconfirmed,
-    /// Still too few: everything but people and regions seen moving.
-    AllButMovers,
+    /// Still too few: everything but people.
+    AllButPeople,
+    /// No label is believed.
+    Everything,
+}
+
+impl Selection {
+    /// All selections in falling order of preference.
+    pub const ALL: [Self; 4] = [Self::Static, Self::WithUnconfirmed, Self::AllButPeople, Self::Everything];
 }
 
 /// The fundamental matrix between the last frame and this one (the paper's section III-B).

@@ -44,7 +44,7 @@ pub use camera::{DepthCamera, Measurement, Pinhole};
 pub use fundamental::{Fundamental, FundamentalOptions, epipolar_distance, fundamental_ransac, sampson_distance};
 pub use global::{GlobalBaReport, LoosePose, global_bundle_adjust};
 pub use p3p::{absolute_pose_ransac, p3p};
-pub use pose::{PoseObservation, PoseOptions, PoseResult, optimize_pose};
+pub use pose::{PoseEquations, PoseObservation, PoseOptions, PoseResult, optimize_pose, pose_equations};
 pub use pose_graph::{Edge, PoseGraph, PoseGraphError, PoseGraphOptions, PoseGraphReport, Vertex, optimize_pose_graph};
 pub use robust::Kernel;
 pub use similarity::{PointPair, SimilarityOptions, SimilarityResult, find_similarity, refine_similarity};

@@ -110,6 +110,40 @@ pub fn optimize_pose(
     solver.into_result(converged)
 }
 
+/// What observations say about a pose, linearised there.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PoseEquations {
+    /// `J^T W J` with Huber's weights, for `exp([translation, rotation]) * camera_from_world`.
+    pub information: Matrix6<f64>,
+    /// `J^T W residual`: zero where the observations would have the camera stay.
+    pub gradient: Vector6<f64>,
+    /// Observations that can be seen from there.
+    pub seen: usize,
+}
+
+/// The normal equations of a pose that is not to be changed, with Huber's kernel at the gates of `options`.
+#[must_use]
+pub fn pose_equations(
+    camera: &Pinhole,
+    bf: f64,
+    observations: impl Iterator<Item = PoseObservation>,
+    camera_from_world: &Se3,
+    options: &PoseOptions,
+) -> PoseEquations {
+    let camera = DepthCamera { pinhole: *camera, bf };
+    let gates = Gates { mono: options.chi2_mono, stereo: options.chi2_stereo };
+    let mut sums = PoseEquations { information: Matrix6::zeros(), gradient: Vector6::zeros(), seen: 0 };
+    for o in observations.filter(|o| o.measurement.is_usable()) {
+        let x = camera_from_world.transform(&o.point_in_world);
+        let Some(l) = camera.linearize(&x, &o.measurement) else { continue };
+        let weight = gates.kernel(true, o.measurement.disparity.is_some()).weight(l.chi2);
+        sums.information += pose_information(&(l.information * weight), &x);
+        sums.gradient += pose_gradient(&(l.gradient * weight), &x);
+        sums.seen += 1;
+    }
+    sums
+}
+
 struct Solver<'a> {
     camera: DepthCamera,
     gates: Gates,

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use slam_math::Buffer;
 
 use super::{FrameFilter, NO_REGION, PanopticFilter, Region, RegionKind, Regions, Track};
-use crate::config::{MotionConfig, Rule};
+use crate::config::{PanopticConfig, Rule};
 use crate::context::Context;
 use crate::report::RegionState;
 
@@ -51,7 +51,7 @@ impl PanopticFilter {
             track.unwrap_or_else(|| {
                 next += 1;
                 let state = first_state(ctx, &regions.list[i], covered[i]);
-                Track { id: next - 1, state, age: 0, static_streak: 0, dynamic_streak: 0, moved_streak: 0 }
+                Track::new(next - 1, state)
             })
         };
         let tracks = ctx.buffers.collect(tracks.iter().enumerate().map(start));
@@ -177,34 +177,47 @@ pub(super) enum Vote {
     Dynamic,
     /// It stands where a surface was, but many of its keypoints are elsewhere.
     Moved,
+    /// Its matched map points disagree with the background.
+    Disagrees,
     /// It stands still.
     Static,
+    /// Map points that have stood still for long lie on it.
+    Vouched,
     /// Nothing to say.
     Silent,
 }
 
 impl Track {
+    /// A track that begins.
+    pub(super) fn new(id: u32, state: RegionState) -> Self {
+        Self { id, state, age: 0, static_streak: 0, dynamic_streak: 0, moved_streak: 0, disagreed_streak: 0 }
+    }
+
     /// Hysteresis: a vote alone moves no confirmed region, and a mover has to stand still for long to come back.
-    pub(super) fn update(&mut self, config: &MotionConfig, vote: Vote) {
+    pub(super) fn update(&mut self, config: &PanopticConfig, vote: Vote) {
+        let (motion, consensus) = (&config.motion, &config.consensus);
         if self.state == RegionState::Person {
             return;
         }
         match vote {
             Vote::Dynamic => (self.dynamic_streak, self.static_streak) = (self.dynamic_streak + 1, 0),
             Vote::Moved => (self.moved_streak, self.static_streak) = (self.moved_streak + 1, 0),
-            Vote::Static => {
-                (self.dynamic_streak, self.moved_streak, self.static_streak) = (0, 0, self.static_streak + 1);
+            Vote::Disagrees => (self.disagreed_streak, self.static_streak) = (self.disagreed_streak + 1, 0),
+            Vote::Static | Vote::Vouched => {
+                (self.dynamic_streak, self.moved_streak, self.disagreed_streak) = (0, 0, 0);
+                self.static_streak += 1;
             }
             Vote::Silent => {}
         }
-        if self.moved_streak >= config.moved_frames {
+        if self.moved_streak >= motion.moved_frames || self.disagreed_streak >= consensus.frames {
             self.state = RegionState::Dynamic;
         }
         self.state = match self.state {
             RegionState::New if self.dynamic_streak > 0 => RegionState::Dynamic,
-            RegionState::New if self.static_streak >= config.confirm_frames => RegionState::Static,
-            RegionState::Static if self.dynamic_streak >= config.suspect_frames => RegionState::Dynamic,
-            RegionState::Dynamic if self.static_streak >= config.readmit_frames => RegionState::Static,
+            RegionState::New if vote == Vote::Vouched => RegionState::Static,
+            RegionState::New if self.static_streak >= motion.confirm_frames => RegionState::Static,
+            RegionState::Static if self.dynamic_streak >= motion.suspect_frames => RegionState::Dynamic,
+            RegionState::Dynamic if self.static_streak >= motion.readmit_frames => RegionState::Static,
             state => state,
         };
     }
@@ -216,12 +229,12 @@ mod tests {
     use crate::config::Config;
 
     fn track(state: RegionState) -> Track {
-        Track { id: 0, state, age: 0, static_streak: 0, dynamic_streak: 0, moved_streak: 0 }
+        Track::new(0, state)
     }
 
     /// State after each vote.
     fn states(mut track: Track, votes: &[Vote]) -> Vec<RegionState> {
-        let config = Config::default().panoptic.motion;
+        let config = Config::default().panoptic;
         let update = |vote: &Vote| {
             track.update(&config, *vote);
             track.state

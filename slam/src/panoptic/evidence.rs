@@ -2,12 +2,12 @@
 //! are not where the static world would have them.
 
 use nalgebra::Vector3;
-use slam_math::{FrameId, Se3, float};
+use slam_math::{FrameId, float};
 use slam_vision::nearest_two;
 use smallvec::smallvec;
 
 use super::association::Vote;
-use super::{Few, FrameFilter, NO_REGION, RegionKind, Remembered, ground, rays};
+use super::{Few, FrameFilter, NO_REGION, RegionKind, Remembered, Tracked, ground, rays};
 use crate::config::MotionConfig;
 use crate::context::Context;
 use crate::input::{DepthImage, Sensor};
@@ -33,9 +33,7 @@ pub(super) struct Now<'a> {
     pub id: FrameId,
     pub depth: Option<&'a DepthImage>,
     pub obs: &'a Observation,
-    pub camera_from_world: &'a Se3,
-    /// Median depth of the map points in sight, if any are.
-    pub scene_depth: Option<f64>,
+    pub tracked: &'a Tracked<'a>,
     /// Older frames that are looked up for [`ground`] alone.
     pub anchors: Few<&'a Remembered>,
 }
@@ -129,7 +127,7 @@ pub(super) fn gather(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame:
         count_samples(ctx, now, depth, older, frame);
     }
     frame.keypoint_ground = ground::keypoints(ctx, now, older, frame);
-    let world_from_camera = now.camera_from_world.inverse();
+    let world_from_camera = now.tracked.camera_from_world.inverse();
     let by_depth = ctx.sensor == Sensor::Rgbd;
     let mut nearby = ctx.buffers.empty();
     for i in 0..now.obs.len() {
@@ -145,10 +143,10 @@ pub(super) fn gather(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame:
         let depth = now.obs.depth(i).filter(|z| by_depth || *z < ctx.close_m);
         let in_world = depth.map(|z| world_from_camera.transform(&ctx.camera.unproject(now.obs.pixel[i], z)));
         for (age, then) in older.iter().enumerate() {
-            let sigmas = match (in_world, now.scene_depth) {
-                (Some(in_world), _) => keypoint_residual(ctx, now.obs, i, &in_world, then, &mut nearby),
+            let sigmas = match (in_world, now.tracked.scene_depth) {
+                (Some(in_world), _) => keypoint_residual(ctx, now, i, &in_world, then, &mut nearby),
                 (None, Some(scene)) if !by_depth => {
-                    rays::residual(ctx, now.obs, i, now.camera_from_world, scene, then, &mut nearby)
+                    rays::residual(ctx, now.obs, i, now.tracked.camera_from_world, scene, then, &mut nearby)
                 }
                 _ => None,
             };
@@ -167,7 +165,7 @@ pub(super) fn gather(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame:
 }
 
 fn count_samples(ctx: &Context, now: &Now<'_>, depth: &DepthImage, older: &[&Remembered], frame: &mut FrameFilter) {
-    let world_from_camera = now.camera_from_world.inverse();
+    let world_from_camera = now.tracked.camera_from_world.inverse();
     let mut seen = Few::new();
     for row in (0..frame.regions.height).step_by(SAMPLE_STRIDE) {
         for column in (0..frame.regions.width).step_by(SAMPLE_STRIDE) {
@@ -245,20 +243,24 @@ pub(super) fn compare(ctx: &Context, then: &Remembered, in_world: &Vector3<f64>)
 /// noise; `None` when it is not found again. `nearby` is scratch.
 fn keypoint_residual(
     ctx: &Context,
-    obs: &Observation,
+    now: &Now<'_>,
     i: usize,
     in_world: &Vector3<f64>,
     then: &Remembered,
     nearby: &mut Vec<u32>,
 ) -> Option<f64> {
     let (pixel, expected) = project(&ctx.camera, &then.camera_from_world, in_world)?;
-    let j = find_again(ctx, obs, i, pixel, then, nearby)?;
-    let sigma_px = KEYPOINT_SIGMA_PX * ctx.scales[usize::from(obs.octave[i])];
+    let j = find_again(ctx, now.obs, i, pixel, then, nearby)?;
+    let sigma_px = KEYPOINT_SIGMA_PX * ctx.scales[usize::from(now.obs.octave[i])];
     let (dx, dy) = (then.obs.pixel[j][0] - pixel[0], then.obs.pixel[j][1] - pixel[1]);
-    let mut chi2 = (dx * dx + dy * dy) / (2.0 * sigma_px * sigma_px);
+    // The sigmas of the pose are over three axes; the older one is taken to be as uncertain.
+    let along_axis = now.tracked.position_sigma_m * now.tracked.position_sigma_m / 3.0;
+    let turn = now.tracked.rotation_sigma_rad * now.tracked.rotation_sigma_rad / 3.0;
+    let pose_px2 = ctx.pinhole.fx * ctx.pinhole.fx * (along_axis / (expected * expected) + turn);
+    let mut chi2 = (dx * dx + dy * dy) / (2.0 * (sigma_px * sigma_px + pose_px2));
     if let Some(z) = then.obs.depth(j) {
         let sigma = ctx.depth_sigma(z);
-        chi2 += (z - expected) * (z - expected) / (2.0 * sigma * sigma);
+        chi2 += (z - expected) * (z - expected) / (2.0 * (sigma * sigma + along_axis));
     }
     Some(chi2.sqrt())
 }
@@ -291,7 +293,7 @@ pub(super) fn free_keypoints(ctx: &Context, now: &Now<'_>, older: &[&Remembered]
     if !(ctx.config.panoptic.things && ctx.config.panoptic.unknown) {
         return;
     }
-    let world_from_camera = now.camera_from_world.inverse();
+    let world_from_camera = now.tracked.camera_from_world.inverse();
     for i in 0..now.obs.len() {
         let Some(z) = now.obs.depth(i).filter(|_| frame.verdict[i] == Verdict::Static) else { continue };
         let in_world = world_from_camera.transform(&ctx.camera.unproject(now.obs.pixel[i], z));

@@ -65,7 +65,7 @@ fn showed(ctx: &Context, then: &Remembered, in_world: &Vector3<f64>) -> bool {
 
 /// Whether a keypoint in a region lies on ground: its cell does, and so does its own depth if it has one.
 pub(super) fn keypoints(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame: &FrameFilter) -> Buffer<bool> {
-    let world_from_camera = now.camera_from_world.inverse();
+    let world_from_camera = now.tracked.camera_from_world.inverse();
     let by_depth = ctx.sensor == Sensor::Rgbd && now.depth.is_some();
     let mut seen = Few::new();
     let one = |i: usize| {

@@ -9,6 +9,7 @@
 //! 4. [`PanopticFilter::remember`]: the frame becomes history.
 
 mod association;
+mod consensus;
 mod epipolar;
 mod evidence;
 mod ground;
@@ -24,13 +25,14 @@ use slam_math::{Buffer, FrameId, Se3, Sim3};
 use smallvec::SmallVec;
 
 pub use association::CellMemory;
+pub use consensus::{Consensus, Matched, consensus};
 pub use epipolar::Epipolar;
 pub use evidence::Evidence;
 pub use regions::{CELL_PX, NO_REGION, Region, RegionKind, Regions};
 
 use crate::config::Rule;
 use crate::context::Context;
-use crate::input::{DepthImage, FrameInput, Sensor};
+use crate::input::{DepthImage, FrameInput};
 use crate::map::moved_pose;
 use crate::observation::Observation;
 use crate::report::{KeypointClass, RegionState, Selection, Verdict};
@@ -72,6 +74,27 @@ pub struct Track {
     pub dynamic_streak: u32,
     /// The same where only keypoints say so.
     pub moved_streak: u32,
+    /// The same where its matched map points disagree with the background.
+    pub disagreed_streak: u32,
+}
+
+/// What tracking knows about a frame that is to be judged.
+#[derive(Debug, Clone, Copy)]
+pub struct Tracked<'a> {
+    /// The pose.
+    pub camera_from_world: &'a Se3,
+    /// Standard deviation of its position, metres.
+    pub position_sigma_m: f64,
+    /// Standard deviation of its orientation, radians.
+    pub rotation_sigma_rad: f64,
+    /// Median depth of the map points in sight; without depth images motion is judged by it.
+    pub scene_depth: Option<f64>,
+    /// Keypoints matched with a map point that fits.
+    pub matched: &'a [bool],
+    /// Those whose point has stood still for long.
+    pub vouched: &'a [bool],
+    /// Regions that disagree with the background; empty when nobody could be asked.
+    pub disagrees: &'a [bool],
 }
 
 /// Everything the filter knows and decides about one frame.
@@ -103,6 +126,10 @@ pub struct FrameFilter {
     pub epipolar: Option<Epipolar>,
     /// Distance of each keypoint to the epipolar line of its match; NaN without match or geometry.
     pub epipolar_px: Buffer<f64>,
+    /// Keypoints matched with a map point that has stood still for long; empty before the frame is judged.
+    pub vouched: Buffer<bool>,
+    /// Regions whose matches disagree with the background; empty when nobody could be asked.
+    pub disagrees: Buffer<bool>,
 }
 
 impl FrameFilter {
@@ -112,20 +139,22 @@ impl FrameFilter {
         self.state_of(self.regions.cell_at(raw_pixel)?)
     }
 
-    /// Keypoints that tracking may use, and how they were chosen: static ones; if those are fewer than
-    /// `tracking.min_static_keypoints`, unconfirmed ones too; if that is still not enough, all but people and movers.
+    /// Keypoints that a selection admits.
     #[must_use]
-    pub fn select(&self, ctx: &Context) -> (Selection, Buffer<bool>) {
-        let admits = |selection: Selection, v: Verdict| match selection {
-            Selection::Static => v == Verdict::Static,
+    pub fn admitted(&self, ctx: &Context, selection: Selection) -> Buffer<bool> {
+        let admits = |v: &Verdict| match selection {
+            Selection::Static => *v == Verdict::Static,
             Selection::WithUnconfirmed => matches!(v, Verdict::Static | Verdict::ThingNew | Verdict::UnknownNew),
-            Selection::AllButMovers => !matches!(v, Verdict::Person | Verdict::ThingDynamic | Verdict::UnknownDynamic),
+            Selection::AllButPeople => *v != Verdict::Person,
+            Selection::Everything => true,
         };
-        let order = [Selection::Static, Selection::WithUnconfirmed, Selection::AllButMovers];
-        let enough = ctx.config.tracking.min_static_keypoints as usize;
-        let choice = order.into_iter().find(|s| self.verdict.iter().filter(|v| admits(*s, **v)).count() >= enough);
-        let choice = choice.unwrap_or(Selection::AllButMovers);
-        (choice, ctx.buffers.collect(self.verdict.iter().map(|v| admits(choice, *v))))
+        ctx.buffers.collect(self.verdict.iter().map(admits))
+    }
+
+    /// Whether a keypoint lies on a region that nothing is known about yet.
+    #[must_use]
+    pub fn is_unconfirmed(&self, i: usize) -> bool {
+        matches!(self.verdict[i], Verdict::ThingNew | Verdict::UnknownNew)
     }
 }
 
@@ -173,6 +202,8 @@ impl PanopticFilter {
             memory: buffers.empty(),
             epipolar: None,
             epipolar_px: buffers.filled(n, f64::NAN),
+            vouched: buffers.empty(),
+            disagrees: buffers.empty(),
         };
         frame.memory = self.remembered(ctx, &frame);
         frame.keypoint_ground = buffers.collect((0..n).map(|i| frame.on_ground(obs.raw_pixel[i])));
@@ -185,34 +216,28 @@ impl PanopticFilter {
         frame
     }
 
-    /// Step 3: evidence under the camera pose, region states, final verdicts. `scene_depth` is the median depth of the map
-    /// points in sight; without depth images motion is judged by it.
+    /// Step 3: evidence under the camera pose, region states, final verdicts.
     pub fn judge(
         &self,
         ctx: &Context,
         input: &FrameInput,
         obs: &Observation,
-        pose: &Se3,
-        scene_depth: Option<f64>,
+        tracked: &Tracked<'_>,
         frame: &mut FrameFilter,
     ) {
         if ctx.config.panoptic.rule == Rule::Paper {
             return;
         }
+        frame.vouched = ctx.buffers.collect(tracked.vouched.iter().copied());
+        frame.disagrees = ctx.buffers.collect(tracked.disagrees.iter().copied());
         let (depth, anchors) = (input.depth.as_deref(), self.anchors.iter().rev().collect());
-        let now = evidence::Now { id: input.id, depth, obs, camera_from_world: pose, scene_depth, anchors };
+        let now = evidence::Now { id: input.id, depth, obs, tracked, anchors };
         if let Some(last) = self.history.back() {
-            epipolar::from_motion(ctx, pose, last, obs, frame);
+            epipolar::from_motion(ctx, tracked.camera_from_world, last, obs, frame);
         }
         let older = self.compared_with(ctx, input.id);
         evidence::gather(ctx, &now, &older, frame);
-        let by_keypoints = ctx.sensor != Sensor::Rgbd;
-        for (track, evidence) in frame.tracks.iter_mut().zip(&frame.evidence) {
-            track.update(
-                &ctx.config.panoptic.motion,
-                evidence.vote(&ctx.config.panoptic.motion, &frame.stuff, by_keypoints),
-            );
-        }
+        verdict::update_tracks(ctx, tracked, frame);
         frame.memory = self.remembered(ctx, frame);
         verdict::decide(ctx, obs, frame);
         evidence::free_keypoints(ctx, &now, &older, frame);
@@ -265,7 +290,7 @@ impl PanopticFilter {
             return;
         };
         for track in last.tracks.iter_mut().filter(|track| track.state != RegionState::Person) {
-            *track = Track { state: RegionState::New, static_streak: 0, dynamic_streak: 0, moved_streak: 0, ..*track };
+            *track = Track { id: track.id, age: track.age, ..Track::new(track.id, RegionState::New) };
         }
         last.memory.fill(CellMemory::default());
     }

@@ -2,10 +2,11 @@
 
 use slam_math::Buffer;
 
-use super::{CELL_PX, FrameFilter, NO_REGION, RegionKind, Regions};
+use super::association::Vote;
+use super::{CELL_PX, FrameFilter, NO_REGION, RegionKind, Regions, Tracked};
 use crate::config::Rule;
 use crate::context::Context;
-use crate::input::FrameInput;
+use crate::input::{FrameInput, Sensor};
 use crate::observation::Observation;
 use crate::report::{KeypointClass, RegionState, Verdict};
 
@@ -53,6 +54,47 @@ fn unknown_region(regions: &Regions, pixel: [f64; 2]) -> Option<usize> {
     })
 }
 
+/// Established points that vouch for a region.
+const MIN_VOUCHERS: u32 = 3;
+/// Established points against which free space says nothing about a region as a whole: what the network left of a person at its
+/// border does not condemn a screen.
+const MANY_VOUCHERS: u32 = 8;
+
+/// What the frame says about each region, and with it the region's state.
+///
+/// The camera's motion is that of most of what is matched. A frame in which more than half of it would be condemned has a poor
+/// pose, not a moving world: it condemns nothing.
+pub(super) fn update_tracks(ctx: &Context, tracked: &Tracked<'_>, frame: &mut FrameFilter) {
+    let config = &ctx.config.panoptic;
+    let by_keypoints = ctx.sensor != Sensor::Rgbd;
+    let regions = frame.tracks.len();
+    let [mut matched, mut vouched] = [ctx.buffers.filled(regions, 0u32), ctx.buffers.filled(regions, 0u32)];
+    for (i, region) in frame.region.iter().enumerate() {
+        if let Some(region) = region.filter(|_| tracked.matched[i]) {
+            matched[region] += 1;
+            vouched[region] += u32::from(tracked.vouched[i]);
+        }
+    }
+    let vote = |region: usize| {
+        if tracked.disagrees.get(region).is_some_and(|disagrees| *disagrees) {
+            return Vote::Disagrees;
+        }
+        match frame.evidence[region].vote(&config.motion, &frame.stuff, by_keypoints) {
+            Vote::Dynamic | Vote::Moved if vouched[region] >= MANY_VOUCHERS => Vote::Silent,
+            Vote::Silent | Vote::Static if vouched[region] >= MIN_VOUCHERS => Vote::Vouched,
+            vote => vote,
+        }
+    };
+    let votes = ctx.buffers.collect((0..regions).map(vote));
+    let condemned = (0..regions).filter(|r| matches!(votes[*r], Vote::Dynamic | Vote::Moved)).map(|r| matched[r]);
+    let all = tracked.matched.iter().filter(|matched| **matched).count();
+    let is_outvoted = 2 * condemned.sum::<u32>() as usize > all;
+    for (track, vote) in frame.tracks.iter_mut().zip(&votes) {
+        let is_accused = matches!(vote, Vote::Dynamic | Vote::Moved);
+        track.update(config, if is_outvoted && is_accused { Vote::Silent } else { *vote });
+    }
+}
+
 /// Verdicts from classes, region states and, under the paper's rule, epipolar distances.
 pub(super) fn decide(ctx: &Context, obs: &Observation, frame: &mut FrameFilter) {
     let near_mover = near_movers(ctx, frame);
@@ -73,9 +115,13 @@ fn by_region(ctx: &Context, frame: &FrameFilter, i: usize) -> Verdict {
     if frame.keypoint_ground[i] && frame.class[i] != KeypointClass::Person {
         return Verdict::Static;
     }
+    let disagrees = frame.region[i].is_some_and(|r| frame.disagrees.get(r).is_some_and(|disagrees| *disagrees));
+    let state = if disagrees { RegionState::Dynamic } else { state };
+    let is_vouched = state == RegionState::New && frame.vouched.get(i).is_some_and(|vouched| *vouched);
     match (frame.class[i], state) {
         (KeypointClass::Person, _) if p.people => Verdict::Person,
         (KeypointClass::Thing, RegionState::Dynamic) if p.things => Verdict::ThingDynamic,
+        _ if is_vouched => Verdict::Static,
         (KeypointClass::Thing, RegionState::New) if p.things => Verdict::ThingNew,
         (KeypointClass::Unknown, RegionState::Dynamic) if p.unknown => Verdict::UnknownDynamic,
         (KeypointClass::Unknown, RegionState::New) if p.unknown => Verdict::UnknownNew,

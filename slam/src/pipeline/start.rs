@@ -6,11 +6,15 @@ use super::step::Step;
 use super::{JobKind, Slam, Work};
 use crate::mapping::{YoungPoints, insert_two_views};
 use crate::panoptic::FrameFilter;
+use crate::report::Selection;
 use crate::tracking::{Start, TwoViews, offer_view};
 
 impl Step<'_> {
     /// Starts a map at this frame, if it allows.
     pub(super) fn initialize(&mut self, filter: &FrameFilter) -> bool {
+        // Nothing has been judged yet, so nothing is condemned: the map begins with all but people.
+        self.selection = Selection::WithUnconfirmed;
+        self.frame.usable = filter.admitted(&self.ctx, self.selection);
         // No keyframe while local mapping is at work: neither expects the other.
         let may_start = self.slam.schedule.is_idle(JobKind::Mapping);
         let started = if self.ctx.is_monocular() {

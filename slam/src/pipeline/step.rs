@@ -78,7 +78,6 @@ impl<'a> Step<'a> {
 
         let obs = self.frame.obs.clone();
         let mut filter = self.slam.filter.label(&self.ctx, self.input, &obs);
-        self.select(&filter);
         self.observer.done(Work::Label);
 
         let tracked = match self.slam.tracker.state {
@@ -149,10 +148,6 @@ impl<'a> Step<'a> {
             let scaled = Sim3 { scale: 1.0 / scale, se3: Se3 { translation: now.translation / scale, ..now } };
             self.slam.filter.move_world(&(scaled.inverse() * Sim3::from(before)));
         }
-    }
-
-    pub(super) fn select(&mut self, filter: &FrameFilter) {
-        (self.selection, self.frame.usable) = filter.select(&self.ctx);
     }
 
     pub(super) fn edit<R>(&mut self, f: impl FnOnce(&Context, &mut Editor<'_>, &mut YoungPoints) -> R) -> R {

@@ -2,8 +2,8 @@
 
 use slam_math::{Buffer, KeyFrameId, MapPointId};
 
-use super::predict::depth_tolerance;
-use super::{TrackedFrame, refine_pose};
+use super::predict::{Admits, depth_tolerance};
+use super::{PoseFit, TrackedFrame, refine_pose};
 use crate::context::Context;
 use crate::map::{Map, MapPoint};
 use crate::matching::{Limits, Query, project, search};
@@ -97,14 +97,23 @@ pub(crate) fn appearance(ctx: &Context, point: &MapPoint, center: &nalgebra::Vec
     (cos >= MIN_VIEW_COS).then(|| (ctx.predict_octave(farthest, distance), cos))
 }
 
-/// Finds local points among the frame's free keypoints and optimises the pose. Returns matches and inliers.
-pub fn track_local_map(ctx: &Context, map: &Map, local: &mut LocalMap, frame: &mut TrackedFrame) -> (u32, u32) {
+/// Finds local points among the frame's free keypoints and optimises the pose. Returns the number of matches, and how the pose
+/// fits them.
+pub fn track_local_map(
+    ctx: &Context,
+    map: &Map,
+    local: &mut LocalMap,
+    frame: &mut TrackedFrame,
+    admits: Admits<'_>,
+) -> (u32, PoseFit) {
     let queries = local.find_in_view(ctx, map, frame);
     let t = &ctx.config.tracking;
     let limits = Limits { hamming: t.hamming_high, ratio: t.ratio };
     let free = |i: usize| frame.usable[i] && frame.points[i].is_none();
     for m in &search(&frame.obs, &queries, limits, &ctx.buffers, free) {
-        frame.points[m.index as usize] = Some(m.key);
+        if admits(m.index as usize, m.key) {
+            frame.points[m.index as usize] = Some(m.key);
+        }
     }
     (frame.match_count(), refine_pose(ctx, map, frame))
 }

@@ -1,12 +1,15 @@
 //! First guess of a frame's pose: constant velocity, or the reference keyframe.
 
-use slam_math::{Buffer, Se3};
+use slam_math::{Buffer, MapPointId, Se3};
 use slam_vision::nearest_two;
 
 use super::{TrackedFrame, refine_pose};
 use crate::context::Context;
 use crate::map::{KeyFrame, Map};
 use crate::matching::{Limits, Match, Query, claimed, consistent_rotation, project, search};
+
+/// Whether a keypoint of the frame may be matched with a point.
+pub type Admits<'a> = &'a dyn Fn(usize, MapPointId) -> bool;
 
 /// Matches the last frame's points around the predicted pose and optimises it. Returns matches and inliers.
 pub fn track_motion_model(
@@ -15,10 +18,12 @@ pub fn track_motion_model(
     last: &TrackedFrame,
     predicted: &Se3,
     frame: &mut TrackedFrame,
+    admits: Admits<'_>,
 ) -> (u32, u32) {
     let t = &ctx.config.tracking;
     for factor in [1.0, 2.0] {
-        let matches = match_last_frame(ctx, map, last, predicted, frame, t.motion_radius_px * factor);
+        let mut matches = match_last_frame(ctx, map, last, predicted, frame, t.motion_radius_px * factor);
+        matches.retain(|m| last.points[m.key as usize].is_some_and(|point| admits(m.index as usize, point)));
         if matches.len() < t.min_motion_matches as usize {
             continue;
         }
@@ -27,7 +32,7 @@ pub fn track_motion_model(
         for m in &matches {
             frame.points[m.index as usize] = last.points[m.key as usize];
         }
-        return (matches.len() as u32, refine_pose(ctx, map, frame));
+        return (matches.len() as u32, refine_pose(ctx, map, frame).inliers);
     }
     (0, 0)
 }
@@ -68,8 +73,15 @@ pub(crate) fn depth_tolerance(ctx: &Context, z: f64, radius: f64) -> f64 {
 
 /// Matches against the reference keyframe by descriptor alone and optimises from the last pose. Returns matches and
 /// inliers.
-pub fn track_reference(ctx: &Context, map: &Map, keyframe: &KeyFrame, frame: &mut TrackedFrame) -> (u32, u32) {
-    let matches = match_descriptors(ctx, keyframe, frame, 0.7);
+pub fn track_reference(
+    ctx: &Context,
+    map: &Map,
+    keyframe: &KeyFrame,
+    frame: &mut TrackedFrame,
+    admits: Admits<'_>,
+) -> (u32, u32) {
+    let mut matches = match_descriptors(ctx, keyframe, frame, 0.7);
+    matches.retain(|m| keyframe.points[m.key as usize].is_some_and(|point| admits(m.index as usize, point)));
     if matches.len() < ctx.config.relocalization.min_matches {
         return (matches.len() as u32, 0);
     }
@@ -77,7 +89,7 @@ pub fn track_reference(ctx: &Context, map: &Map, keyframe: &KeyFrame, frame: &mu
     for m in &matches {
         frame.points[m.index as usize] = keyframe.points[m.key as usize];
     }
-    (matches.len() as u32, refine_pose(ctx, map, frame))
+    (matches.len() as u32, refine_pose(ctx, map, frame).inliers)
 }
 
 /// Best frame keypoint for each keyframe keypoint that has a map point, over the whole picture, with ratio test, mutual

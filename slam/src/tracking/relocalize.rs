@@ -77,14 +77,14 @@ fn try_keyframe(
     }
     frame.reference = keyframe.id;
     // Two rounds: the first pose is rough, so the neighbourhood is searched again around the better one.
-    let mut inliers = refine_pose(ctx, map, frame);
+    let mut inliers = refine_pose(ctx, map, frame).inliers;
     let mut local = LocalMap::default();
     for _ in 0..2 {
         if inliers < 10 {
             return None;
         }
         local = LocalMap::around(ctx, map, frame);
-        (_, inliers) = track_local_map(ctx, map, &mut local, frame);
+        inliers = track_local_map(ctx, map, &mut local, frame, &|_, _| true).1.inliers;
     }
     let is_found = inliers >= r.min_inliers && f64::from(inliers) >= r.min_found_share * expected(&local) as f64;
     is_found.then_some(inliers)
