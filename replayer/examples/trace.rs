@@ -46,6 +46,7 @@ fn main() -> Result<()> {
             if let Ok(v) = replayer::eval::evaluate(&s.truth, path, None, &o) { println!("{name} {al:?} {:.2} mm scale {:.4} rot {:.3} deg, rpe {:?}", v.ate_m.rmse*1e3, v.scale, v.ate_rotation_deg.rmse, v.rpe.iter().map(|r| format!("{:.2}mm {:.3}deg", r.translation_m.as_ref().map_or(f64::NAN, |s| s.rmse)*1e3, r.rotation_deg.as_ref().map_or(f64::NAN, |s| s.rmse))).collect::<Vec<_>>()); }
         }
     }
+    for (m, r) in slam.context().depth.ranges() { if r.count > 0.0 { println!("depth {m} m: n {} factor {:.2} bias {:.4}", r.count, slam.context().depth.factor(m), r.bias / r.count); } }
     for r in &rows {
         let c = &r.counts;
         let st = schemas::Stamp(r.stamp.0);

@@ -6,6 +6,7 @@ use slam_optimize::{DepthCamera, Measurement, Pinhole};
 use slam_vision::Camera;
 
 use crate::config::Config;
+use crate::depth::DepthModel;
 use crate::input::{Category, Sensor, Setup};
 use crate::observation::Observation;
 
@@ -36,6 +37,8 @@ pub struct Context {
     pub scales: Vec<f64>,
     /// Depth up to which one view fixes a point, metres.
     pub close_m: f64,
+    /// What the run has found out about the noise of depth so far.
+    pub depth: DepthModel,
     /// Where stages take the memory of their lists from.
     pub buffers: Buffers,
 }
@@ -59,6 +62,7 @@ impl Context {
             categories,
             scales: scales.to_vec(),
             close_m: config.sensor.close_baselines * bf / camera.fx,
+            depth: DepthModel::default(),
             buffers: Buffers::default(),
         }
     }
@@ -80,7 +84,7 @@ impl Context {
     pub fn depth_sigma(&self, depth_m: f64) -> f64 {
         match self.sensor {
             Sensor::Stereo { bf } => depth_m * depth_m / bf * self.config.stereo.sigma_px,
-            Sensor::Rgbd | Sensor::Monocular => self.config.sensor.depth_sigma(depth_m),
+            Sensor::Rgbd | Sensor::Monocular => self.config.sensor.depth_sigma(depth_m) * self.depth.factor(depth_m),
         }
     }
 

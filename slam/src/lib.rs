@@ -18,6 +18,7 @@
 
 pub mod config;
 pub mod context;
+pub mod depth;
 pub mod input;
 pub mod looping;
 pub mod map;

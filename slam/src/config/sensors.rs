@@ -15,6 +15,8 @@ sections! {
         sigma_base_m: f64,
         /// Quadratic part of the depth noise, 1/metres.
         sigma_quadratic: f64,
+        /// Find out on the way how good depth is; the values above are where that starts.
+        learn_noise: bool,
         /// Nearest trusted depth, metres.
         min_depth_m: f64,
         /// Farthest trusted depth, metres.

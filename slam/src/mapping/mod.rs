@@ -2,6 +2,7 @@
 
 mod create;
 mod cull;
+mod depth;
 mod fuse;
 mod local_ba;
 mod start;
@@ -17,6 +18,7 @@ use serde::{Deserialize, Serialize};
 use slam_math::KeyFrameId;
 
 use crate::context::Context;
+use crate::depth::DepthModel;
 
 /// What local mapping did for one keyframe.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -33,18 +35,19 @@ pub struct MappingCounts {
     pub keyframes_culled: u32,
 }
 
-/// Local mapping for a keyframe that is in the map.
+/// Local mapping for a keyframe that is in the map; tells too how its depths compare with what pixels say.
 pub fn local_mapping(
     ctx: &Context,
     editor: &mut Editor<'_>,
     young: &mut YoungPoints,
     keyframe: KeyFrameId,
-) -> MappingCounts {
+) -> (MappingCounts, DepthModel) {
     let culled = young.cull(ctx, editor, keyframe);
     let triangulated = triangulate::triangulate_with_neighbours(ctx, editor, young, keyframe);
     let fused = fuse::fuse_with_neighbours(ctx, editor, keyframe);
     let ba_due = local_ba::is_due(ctx, editor.map(), keyframe);
     let ba_outliers = if ba_due { local_ba::local_bundle_adjustment(ctx, editor, keyframe) } else { 0 };
+    let depth = depth::compare_depths(ctx, editor.map(), keyframe);
     let keyframes_culled = cull::cull_keyframes(ctx, editor, keyframe);
-    MappingCounts { triangulated, fused, culled, ba_outliers, keyframes_culled }
+    (MappingCounts { triangulated, fused, culled, ba_outliers, keyframes_culled }, depth)
 }

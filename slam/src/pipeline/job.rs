@@ -11,6 +11,7 @@ use slam_math::{KeyFrameId, MapId};
 
 use crate::config::Config;
 use crate::context::Context;
+use crate::depth::DepthModel;
 use crate::looping::{Candidates, LoopFound, LoopState, correct, detect, global_adjustment};
 use crate::map::{Editor, Journal, Map};
 use crate::mapping::{MappingCounts, YoungPoints, local_mapping};
@@ -77,8 +78,8 @@ pub struct JobResult {
 /// What a job came to besides edits of the map.
 #[derive(Clone, Serialize, Deserialize)]
 pub(super) enum Outcome {
-    /// Of local mapping: the points that are still on probation, and counts.
-    Mapping { keyframe: KeyFrameId, young: YoungPoints, counts: MappingCounts },
+    /// Of local mapping: the points that are still on probation, counts, and depths compared with pixels.
+    Mapping { keyframe: KeyFrameId, young: YoungPoints, counts: MappingCounts, depth: Box<DepthModel> },
     /// Of a loop search: what detection remembers, and the place that the correction is about.
     Loop { state: LoopState, found: Option<Box<LoopFound>> },
     /// Of a global adjustment: nothing.
@@ -106,8 +107,8 @@ impl Job {
         let mut editor = Editor::new(&mut self.map, &self.ctx.buffers);
         let outcome = match self.task {
             Task::Mapping { keyframe, mut young } => {
-                let counts = local_mapping(&self.ctx, &mut editor, &mut young, keyframe);
-                Outcome::Mapping { keyframe, young, counts }
+                let (counts, depth) = local_mapping(&self.ctx, &mut editor, &mut young, keyframe);
+                Outcome::Mapping { keyframe, young, counts, depth: Box::new(depth) }
             }
             Task::Loop { keyframe, candidates, mut state } => {
                 let found = detect(&self.ctx, editor.map(), &candidates, keyframe, &mut state);

@@ -1,6 +1,8 @@
 //! Loops, the joining of maps and the adjustment of a whole map as jobs: when they are submitted, and what else moves when
 //! the map is corrected.
 
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
 use slam_math::{FrameId, KeyFrameId, MapId};
 
@@ -33,7 +35,7 @@ impl Slam {
         {
             jobs.push((JobKind::Global, Task::Global { part }));
         }
-        let ctx = self.front_end.shared_context();
+        let ctx = Arc::clone(&self.ctx);
         let due = |kind: JobKind| FrameId(frame.0 + kind.lag(&ctx.config));
         jobs.into_iter().map(|(kind, task)| (Job::new(ctx.clone(), &self.map, task), due(kind))).collect()
     }

@@ -161,6 +161,8 @@ impl Observer for Unobserved {
 /// The slam: its state and nothing else.
 pub struct Slam {
     front_end: FrontEnd,
+    /// That of the front end, with what the run has found out about depth.
+    ctx: Arc<Context>,
     map: Map,
     places: Places,
     /// Not here while a loop search has it.
@@ -201,8 +203,10 @@ impl Slam {
     /// # Errors
     /// When calibration or feature settings make no sense.
     pub fn new(config: &Config, setup: &Setup) -> Result<Self, SlamError> {
+        let front_end = FrontEnd::new(config, setup)?;
         Ok(Self {
-            front_end: FrontEnd::new(config, setup)?,
+            ctx: front_end.shared_context(),
+            front_end,
             map: Map::default(),
             places: Places::default(),
             loops: LoopState::default(),
@@ -245,7 +249,7 @@ impl Slam {
     /// Configuration, calibration and tables.
     #[must_use]
     pub fn context(&self) -> &Context {
-        self.front_end.context()
+        &self.ctx
     }
 
     /// Takes the next frame with its observation from [`FrontEnd::observe`]. Background work goes to `executor`; which

@@ -1,11 +1,15 @@
 //! When the results of jobs are applied: a job submitted at frame f takes effect exactly before frame f + lag, on any
 //! machine. With a lag of 0 it takes effect at the end of its own frame: the plain sequential system, by the same code.
 
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
 use slam_math::{Buffer, FrameId, KeyFrameId};
 
 use super::job::{Executor, Job, JobKind, JobResult, Outcome, Task, Ticket};
 use super::{Slam, SlamError};
+use crate::context::Context;
+use crate::depth::DepthModel;
 use crate::map::{EditCounts, Editor, MapEdit};
 use crate::mapping::MappingCounts;
 use crate::report::Event;
@@ -75,7 +79,7 @@ pub(super) struct Applied {
 impl Slam {
     /// Local mapping around a keyframe that was made from a frame, and when its result takes effect.
     pub(super) fn mapping_job(&mut self, keyframe: KeyFrameId, frame: FrameId) -> (Job, FrameId) {
-        let ctx = self.front_end.shared_context();
+        let ctx = Arc::clone(&self.ctx);
         let due = FrameId(frame.0 + JobKind::Mapping.lag(&ctx.config));
         let young = std::mem::take(&mut self.young);
         (Job::new(ctx, &self.map, Task::Mapping { keyframe, young }), due)
@@ -103,8 +107,9 @@ impl Slam {
         }
         let (mut mapping, mut event) = (MappingCounts::default(), None);
         match result.outcome {
-            Outcome::Mapping { keyframe, mut young, counts } => {
+            Outcome::Mapping { keyframe, mut young, counts, depth } => {
                 young.rename(&renaming);
+                self.learn_depth(&depth);
                 self.young = young;
                 self.waiting.search = Some(keyframe);
                 mapping = counts;
@@ -117,6 +122,15 @@ impl Slam {
             Outcome::Global => {}
         }
         Applied { edits, counts, mapping, event, scale }
+    }
+
+    /// From the next frame on, and in the next job, depth is believed as far as it deserves by all comparisons so far.
+    fn learn_depth(&mut self, found: &DepthModel) {
+        if !found.is_empty() && self.ctx.config.sensor.learn_noise {
+            let mut depth = self.ctx.depth.clone();
+            depth.add(found);
+            self.ctx = Arc::new(Context { depth, ..(*self.ctx).clone() });
+        }
     }
 
     /// Applies what is still in flight. To be called after the last frame, before the map or the trajectory is read.

@@ -2,10 +2,13 @@
 //! as if it had never stopped.
 
 use std::borrow::Cow;
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
 use super::{Executor, Slam, SlamError, Tracker, loops, schedule, trajectory};
+use crate::context::Context;
+use crate::depth::DepthModel;
 use crate::looping::LoopState;
 use crate::map::{Map, MapProblem};
 use crate::mapping::YoungPoints;
@@ -16,6 +19,7 @@ use crate::tracking::FirstView;
 /// follows from configuration and map (tables, the index of places) is not.
 #[derive(Serialize, Deserialize)]
 pub struct State<'a> {
+    depth: Cow<'a, DepthModel>,
     map: Cow<'a, Map>,
     loops: Cow<'a, LoopState>,
     waiting: loops::Waiting,
@@ -43,9 +47,10 @@ impl Slam {
     pub fn state(&mut self, executor: &mut dyn Executor) -> Result<State<'_>, SlamError> {
         self.schedule.collect_all(self.frames.len() as u32, executor)?;
         // Named one by one, so that a new field can't be forgotten. The local map lives within a frame only.
-        let Self { front_end: _, map, places: _, loops, waiting, filter, young, schedule, tracker, .. } = self;
+        let Self { front_end: _, ctx, map, places: _, loops, waiting, filter, young, schedule, tracker, .. } = self;
         let Self { first_view, frames, last_local: _, .. } = self;
         Ok(State {
+            depth: Cow::Borrowed(&ctx.depth),
             map: Cow::Borrowed(map),
             loops: Cow::Borrowed(loops),
             waiting: *waiting,
@@ -63,9 +68,10 @@ impl Slam {
     /// # Errors
     /// A map that contradicts itself. That can't come from damage, which the file's own checks find.
     pub fn resumed(self, state: State<'_>) -> Result<Self, MapProblem> {
-        let State { map, loops, waiting, filter, young, schedule, tracker, first_view, frames } = state;
+        let State { depth, map, loops, waiting, filter, young, schedule, tracker, first_view, frames } = state;
         map.check(self.context().scales.len())?;
         let mut slam = Self {
+            ctx: Arc::new(Context { depth: depth.into_owned(), ..(*self.ctx).clone() }),
             map: map.into_owned(),
             loops: loops.into_owned(),
             waiting,

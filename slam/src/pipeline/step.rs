@@ -40,7 +40,7 @@ impl<'a> Step<'a> {
         executor: &'a mut dyn Executor,
         observer: &'a mut dyn Observer,
     ) -> Self {
-        let (n, ctx) = (obs.len(), slam.front_end.shared_context());
+        let (n, ctx) = (obs.len(), Arc::clone(&slam.ctx));
         let frame = TrackedFrame {
             id: input.id,
             stamp: input.stamp,
@@ -70,6 +70,8 @@ impl<'a> Step<'a> {
 
     pub(super) fn run(mut self) -> Result<FrameReport, SlamError> {
         self.apply_due_jobs()?;
+        // They may have found out more about depth.
+        self.ctx = Arc::clone(&self.slam.ctx);
         // The last frame, the only one that is remembered with points, has just followed them.
         self.slam.map.forget_merges();
         if let Some(last) = &self.slam.tracker.last {
