@@ -50,7 +50,7 @@ fn spec(world: &World, name: &str) -> Result<RgbdSpec, WriteError> {
         cy: c.cy_px,
         distortion: Distortion::None,
     };
-    let categories = fixtures::categories().iter();
+    let categories = world.categories().iter();
     let categories = categories.map(|c| Category { id: c.id, name: c.name.to_owned(), is_thing: c.is_thing });
     let right_m = world.config().right_camera_m;
     let stereo = (right_m > 0.0).then(|| StereoModel::of_rectified(camera, right_m * c.fx_px)).transpose();
@@ -160,7 +160,7 @@ pub fn small_sequence() -> anyhow::Result<(Vec<FrameInput>, Setup)> {
             panoptic: Some(Arc::new(PanopticMask { width, height, ids: panoptic.ids, segments })),
         })
     };
-    let categories = fixtures::categories().iter();
+    let categories = world.categories().iter();
     let categories = categories.map(|c| slam::Category { id: c.id, name: c.name.into(), is_thing: c.is_thing });
     let Intrinsics { width, height, fx_px: fx, fy_px: fy, cx_px: cx, cy_px: cy } = camera;
     let camera = Camera { fx, fy, cx, cy, width, height, distortion: slam_vision::Distortion::None };

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 /// Arguments.
 #[derive(Debug, clap::Args)]
 pub struct Suite {
-    /// A suite file, or one that comes along: tum, bonn, quadruped, kitchens, synthetic, unseen, hard.
+    /// A suite file, or one that comes along: tum, bonn, quadruped, kitchens, synthetic, unseen, rooms, hard.
     suite: String,
     /// Folder to write: logs, runs, suite.json, tables.md.
     #[arg(short, long, value_name = "DIR", required_unless_present = "print")]

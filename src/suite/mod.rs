@@ -14,12 +14,13 @@ pub use degrade::Degrade;
 pub use run::{Cell, Done, SequenceReport, SuiteReport, run};
 
 /// The suites that come with the program: name and text.
-pub const BUILT_IN: [(&str, &str); 7] = [
+pub const BUILT_IN: [(&str, &str); 8] = [
     ("tum", include_str!("../../fixtures/suites/tum.toml")),
     ("bonn", include_str!("../../fixtures/suites/bonn.toml")),
     ("quadruped", include_str!("../../fixtures/suites/quadruped.toml")),
     ("kitchens", include_str!("../../fixtures/suites/kitchens.toml")),
     ("synthetic", include_str!("../../fixtures/suites/synthetic.toml")),
     ("unseen", include_str!("../../fixtures/suites/unseen.toml")),
+    ("rooms", include_str!("../../fixtures/suites/rooms.toml")),
     ("hard", include_str!("../../fixtures/suites/hard.toml")),
 ];
