@@ -58,17 +58,33 @@ pub fn consensus(
     let regions = filter.regions.list.len();
     let mut disagrees = ctx.buffers.filled(regions, false);
     for (region, disagrees) in disagrees.iter_mut().enumerate() {
-        let own = |(i, _): &&Matched| {
+        let is_own = |(i, _): &&Matched| {
             let i = *i as usize;
             filter.region[i] == Some(region) && !filter.is_background(i)
         };
-        let own = || matches.iter().filter(own);
-        if own().count() >= c.min_matches as usize {
-            let sums = pose_equations(&ctx.pinhole, ctx.bf, own().map(observed), &pose, &options);
+        let mut own = ctx.buffers.collect(matches.iter().filter(is_own).map(observed));
+        keep_coherent(ctx, &mut own, &pose, c);
+        if own.len() >= c.min_matches as usize {
+            let sums = pose_equations(&ctx.pinhole, ctx.bf, own.iter().copied(), &pose, &options);
             *disagrees = distance2(&sums.information, &sums.gradient, &uncertainty).is_some_and(|d| d > c.max_chi2);
         }
     }
     Some(Consensus { camera_from_world: pose, disagrees })
+}
+
+/// Leaves the matches of a region that agree on some motion of their own, or none when most of them do not: mismatches are no
+/// motion.
+fn keep_coherent(ctx: &Context, own: &mut Buffer<PoseObservation>, pose: &Se3, c: &ConsensusConfig) {
+    if own.len() < c.min_matches as usize {
+        return;
+    }
+    let fit = optimize_pose(&ctx.pinhole, ctx.bf, own, pose, &PoseOptions::default(), &ctx.buffers);
+    if (fit.inliers as f64) < c.min_inlier_share * own.len() as f64 {
+        own.clear();
+        return;
+    }
+    let mut inlier = fit.inlier.iter();
+    own.retain(|_| inlier.next().is_some_and(|inlier| *inlier));
 }
 
 /// Squared Mahalanobis distance of a region's wish from no wish: its gradient has the covariance `A + A U A`, by its own noise

@@ -115,7 +115,10 @@ fn by_region(ctx: &Context, frame: &FrameFilter, i: usize) -> Verdict {
     if frame.keypoint_ground[i] && frame.class[i] != KeypointClass::Person {
         return Verdict::Static;
     }
-    let disagrees = frame.region[i].is_some_and(|r| frame.disagrees.get(r).is_some_and(|disagrees| *disagrees));
+    let disagrees = frame.region[i].is_some_and(|r| {
+        let is_heard_out = state != RegionState::Static || frame.tracks[r].disagreed_streak > 1;
+        is_heard_out && frame.disagrees.get(r).is_some_and(|disagrees| *disagrees)
+    });
     let state = if disagrees { RegionState::Dynamic } else { state };
     let is_vouched = state == RegionState::New && frame.vouched.get(i).is_some_and(|vouched| *vouched);
     match (frame.class[i], state) {

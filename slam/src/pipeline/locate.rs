@@ -2,7 +2,7 @@
 
 use super::Work;
 use super::step::Step;
-use slam_math::{Buffer, KeyFrameId, MapPointId, Se3};
+use slam_math::{Buffer, KeyFrameId, MapPointId};
 
 use crate::config::Rule;
 use crate::context::Context;
@@ -12,7 +12,7 @@ use crate::observation::round_to_pixel;
 use crate::panoptic::{FrameFilter, Matched, Tracked, consensus};
 use crate::report::{RegionState, Selection};
 use crate::tracking::{
-    LocalMap, PoseFit, TrackedFrame, refine_pose, relocalize, track_local_map, track_motion_model, track_reference,
+    LocalMap, PoseFit, TrackedFrame, match_local_map, refine_pose, relocalize, track_motion_model, track_reference,
 };
 
 /// A frame's pose with one selection of keypoints.
@@ -73,8 +73,8 @@ impl Step<'_> {
         let mut frame = self.frame.clone();
         let mut local = LocalMap::around(ctx, map, &frame);
         let admits = |i: usize, id: MapPointId| admits(ctx, map, selection, filter, i, id);
-        let (local_matches, mut fit) = track_local_map(ctx, map, &mut local, &mut frame, &admits);
-        let disagrees = listen_to_regions(ctx, map, filter, &mut frame, &mut fit);
+        let local_matches = match_local_map(ctx, map, &mut local, &mut frame, &admits);
+        let (fit, disagrees) = agree_on_pose(ctx, map, filter, &mut frame);
         let depth = frame.median_depth(map, &ctx.buffers)?;
         let sigma_share = fit.position_sigma_m() / depth;
         Some(Attempt { selection, frame, local, fit, motion_matches, local_matches, disagrees, sigma_share })
@@ -213,8 +213,8 @@ impl Step<'_> {
         let (ctx, map, selection) = (&self.ctx, &self.slam.map, Selection::AllButPeople);
         let mut frame = self.frame.clone();
         let mut local = LocalMap::around(ctx, map, &frame);
-        let (local_matches, mut fit) = track_local_map(ctx, map, &mut local, &mut frame, &|_, _| true);
-        let disagrees = listen_to_regions(ctx, map, filter, &mut frame, &mut fit);
+        let local_matches = match_local_map(ctx, map, &mut local, &mut frame, &|_, _| true);
+        let (fit, disagrees) = agree_on_pose(ctx, map, filter, &mut frame);
         let sigma_share = fit.position_sigma_m() / frame.median_depth(map, &ctx.buffers)?;
         Some(Attempt { selection, frame, local, fit, motion_matches: 0, local_matches, disagrees, sigma_share })
     }
@@ -234,39 +234,41 @@ fn is_established(ctx: &Context, map: &Map, id: MapPointId) -> bool {
     map.point(id).is_some_and(is_old)
 }
 
-/// Asks the regions whether they move as the background does, and leaves out the matches of those that do not. Only where
-/// motion is judged by geometry: a configuration without filters knows no labels, and the paper's has F.
-fn listen_to_regions(
-    ctx: &Context,
-    map: &Map,
-    filter: &FrameFilter,
-    frame: &mut TrackedFrame,
-    fit: &mut PoseFit,
-) -> Buffer<bool> {
+/// Optimises the pose on all matches but those of regions that do not move as the background does; tells how it fits, and which
+/// regions those are. They are asked before anything is thrown out: a mover with many keypoints would have the background's
+/// matches for outliers. Only where motion is judged by geometry: a configuration without filters knows no labels, and the
+/// paper's has F.
+fn agree_on_pose(ctx: &Context, map: &Map, filter: &FrameFilter, frame: &mut TrackedFrame) -> (PoseFit, Buffer<bool>) {
     let p = &ctx.config.panoptic;
-    if p.rule == Rule::Paper || !(p.things || p.unknown) {
-        return ctx.buffers.empty();
-    }
-    let matched = |(i, id): (usize, MapPointId)| map.point(id).map(|point| (i as u32, point.position));
-    let matches: Buffer<Matched> = ctx.buffers.collect(frame.matches().filter_map(matched));
-    let Some(found) = consensus(ctx, &frame.obs, &matches, &frame.camera_from_world, filter) else {
-        return ctx.buffers.empty();
+    let asked = (p.rule == Rule::Geometric && (p.things || p.unknown)).then(|| {
+        let matched = |(i, id): (usize, MapPointId)| map.point(id).map(|point| (i as u32, point.position));
+        let matches: Buffer<Matched> = ctx.buffers.collect(frame.matches().filter_map(matched));
+        consensus(ctx, &frame.obs, &matches, &frame.camera_from_world, filter)
+    });
+    let Some(found) = asked.flatten().filter(|found| found.disagrees.contains(&true)) else {
+        return (refine_pose(ctx, map, frame), ctx.buffers.empty());
     };
-    if found.disagrees.contains(&true) {
-        let (points, pose): (_, Se3) = (frame.points.clone(), frame.camera_from_world);
-        let disagrees = |i: usize| filter.region[i].is_some_and(|region| found.disagrees[region]);
-        for (i, point) in frame.points.iter_mut().enumerate() {
-            *point = point.filter(|_| filter.is_background(i) || !disagrees(i));
+    let before = frame.clone();
+    // What has stood still so far is heard twice: one blurred frame is no reason to do without it.
+    let is_left_out = |region: usize| {
+        let track = &filter.tracks[region];
+        found.disagrees[region] && (track.state != RegionState::Static || track.disagreed_streak > 0)
+    };
+    let mut any = false;
+    for (i, point) in frame.points.iter_mut().enumerate().filter(|(i, _)| !filter.is_background(*i)) {
+        if point.is_some() && filter.region[i].is_some_and(is_left_out) {
+            (*point, any) = (None, true);
         }
-        frame.camera_from_world = found.camera_from_world;
-        let again = refine_pose(ctx, map, frame);
-        if again.inliers < ctx.config.tracking.min_inliers {
-            (frame.points, frame.camera_from_world) = (points, pose);
-            return ctx.buffers.empty();
-        }
-        *fit = again;
     }
-    found.disagrees
+    if any {
+        frame.camera_from_world = found.camera_from_world;
+    }
+    let fit = refine_pose(ctx, map, frame);
+    if fit.inliers < ctx.config.tracking.min_inliers {
+        *frame = before;
+        return (refine_pose(ctx, map, frame), ctx.buffers.empty());
+    }
+    (fit, found.disagrees)
 }
 
 /// Whether a point at this pixel and depth would be seen if it were there: nothing stands before it, and it does not lie on

@@ -97,15 +97,21 @@ pub(crate) fn appearance(ctx: &Context, point: &MapPoint, center: &nalgebra::Vec
     (cos >= MIN_VIEW_COS).then(|| (ctx.predict_octave(farthest, distance), cos))
 }
 
-/// Finds local points among the frame's free keypoints and optimises the pose. Returns the number of matches, and how the pose
-/// fits them.
-pub fn track_local_map(
+/// Finds local points among the frame's free keypoints and optimises the pose. Returns how the pose fits them.
+pub fn track_local_map(ctx: &Context, map: &Map, local: &mut LocalMap, frame: &mut TrackedFrame) -> PoseFit {
+    match_local_map(ctx, map, local, frame, &|_, _| true);
+    refine_pose(ctx, map, frame)
+}
+
+/// Finds local points among the frame's free keypoints; what does not fit the pose is among the matches still. Returns how many
+/// there are.
+pub fn match_local_map(
     ctx: &Context,
     map: &Map,
     local: &mut LocalMap,
     frame: &mut TrackedFrame,
     admits: Admits<'_>,
-) -> (u32, PoseFit) {
+) -> u32 {
     let queries = local.find_in_view(ctx, map, frame);
     let t = &ctx.config.tracking;
     let limits = Limits { hamming: t.hamming_high, ratio: t.ratio };
@@ -115,5 +121,5 @@ pub fn track_local_map(
             frame.points[m.index as usize] = Some(m.key);
         }
     }
-    (frame.match_count(), refine_pose(ctx, map, frame))
+    frame.match_count()
 }

@@ -84,7 +84,7 @@ fn try_keyframe(
             return None;
         }
         local = LocalMap::around(ctx, map, frame);
-        inliers = track_local_map(ctx, map, &mut local, frame, &|_, _| true).1.inliers;
+        inliers = track_local_map(ctx, map, &mut local, frame).inliers;
     }
     let is_found = inliers >= r.min_inliers && f64::from(inliers) >= r.min_found_share * expected(&local) as f64;
     is_found.then_some(inliers)
