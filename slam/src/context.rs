@@ -97,9 +97,13 @@ impl Context {
     /// model (as noise of the disparity `bf / z`).
     #[must_use]
     pub fn measurement(&self, obs: &Observation, i: usize) -> Measurement {
-        let scale = self.scales[usize::from(obs.octave[i])];
-        let pixel = obs.pixel[i];
-        let depth = obs.depth(i);
+        self.measure(obs.pixel[i], obs.octave[i], obs.depth(i))
+    }
+
+    /// The same of an undistorted pixel on a pyramid level, with its depth in metres where that was measured.
+    #[must_use]
+    pub fn measure(&self, pixel: [f64; 2], octave: u8, depth: Option<f64>) -> Measurement {
+        let scale = self.scales[usize::from(octave)];
         let disparity_sigma = depth.map_or(1.0, |z| self.disparity_sigma(z, scale));
         Measurement {
             pixel,
