@@ -36,6 +36,8 @@ pub struct Context {
     pub scales: Vec<f64>,
     /// Depth up to which one view fixes a point, metres.
     pub close_m: f64,
+    /// Factor on the information of measured depth; 1 but where the final stage finds out what depth is worth.
+    pub depth_weight: f64,
     /// Where stages take the memory of their lists from.
     pub buffers: Buffers,
 }
@@ -59,6 +61,7 @@ impl Context {
             categories,
             scales: scales.to_vec(),
             close_m: config.sensor.close_baselines * bf / camera.fx,
+            depth_weight: 1.0,
             buffers: Buffers::default(),
         }
     }
@@ -109,7 +112,7 @@ impl Context {
             pixel,
             disparity: depth.map(|z| self.bf / z),
             weight: 1.0 / (scale * scale),
-            weight_disparity: 1.0 / (disparity_sigma * disparity_sigma),
+            weight_disparity: self.depth_weight / (disparity_sigma * disparity_sigma),
         }
     }
 

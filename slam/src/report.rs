@@ -349,6 +349,8 @@ pub struct FinalReport {
     pub observations: usize,
     /// Of them, those that do not fit in the end and have no say.
     pub outliers: usize,
+    /// Factor on the information of measured depth, as it was found out.
+    pub depth_weight: f64,
     /// Linear solves of bundle adjustment.
     pub iterations: u32,
     /// Robust cost (squared normalised residuals) of the observations before and after.

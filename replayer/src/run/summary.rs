@@ -170,13 +170,14 @@ fn told(part: &FinalReport) -> String {
         points,
         observations,
         outliers,
+        depth_weight,
         iterations,
         cost: [before, after],
         refined,
         kept,
     } = part;
     format!(
-        "map{map}: cost {before:.0} to {after:.0} in {iterations} iterations over {keyframes} keyframes and {points} points, \
+        "map{map}: depth counts {depth_weight} times, cost {before:.0} to {after:.0} in {iterations} iterations over {keyframes} keyframes and {points} points, \
          {outliers} of {observations} observations dropped; {refined} frames refined, {kept} kept"
     )
 }

@@ -26,7 +26,7 @@ fn adjust_one(ctx: &Context, map: &mut Map, part: MapId, trusted: Trusted<'_>) -
         relative_decrease: RELATIVE_DECREASE,
         ..BaOptions::default()
     };
-    let mut report = FinalReport { map: part.0, ..FinalReport::default() };
+    let mut report = FinalReport { map: part.0, depth_weight: ctx.depth_weight, ..FinalReport::default() };
     let Some(Adjusted { edit, keyframes, points, report: ba }) = adjust_part(ctx, map, part, &options, trusted) else {
         return report;
     };

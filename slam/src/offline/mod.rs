@@ -2,15 +2,18 @@
 //! is found again in the map that comes of it.
 //!
 //! 1. [`Sights`] remember what each tracked frame saw, while frames come in;
-//! 2. [`adjust`] minimises over all keyframes and points of each part;
-//! 3. [`refine_frames`] fits each frame to the points that it saw.
+//! 2. [`depth_weight`] finds out what the measured depth is worth;
+//! 3. [`adjust`] minimises over all keyframes and points of each part;
+//! 4. [`refine_frames`] fits each frame to the points that it saw.
 
 mod adjust;
+mod depth;
 mod frames;
 mod sights;
 
 pub use adjust::adjust;
-pub use frames::{Start, refine_frames};
+pub use depth::depth_weight;
+pub use frames::{Refined, Start, refine_frames};
 pub use sights::Sights;
 
 use crate::map::MapPoint;

@@ -4,8 +4,9 @@ use serde::{Deserialize, Serialize};
 use slam_math::{FrameId, KeyFrameId, MapId, Se3, Stamp};
 
 use super::Slam;
+use crate::context::Context;
 use crate::map::Map;
-use crate::offline::{Start, Trusted, adjust, refine_frames};
+use crate::offline::{Start, Trusted, adjust, depth_weight, refine_frames};
 use crate::report::FinalReport;
 
 /// What is kept of every frame.
@@ -74,26 +75,32 @@ impl Slam {
         if !ctx.config.r#final.enabled {
             return FinalPath { poses: self.trajectory().collect(), parts: Vec::new() };
         }
+        let (mut poses, mut starts): (Vec<_>, Vec<_>) = (self.trajectory().collect(), Vec::new());
+        let tracked = || self.frames.iter().filter_map(|entry| Some((entry.id, entry.tracked.as_ref()?)));
+        for (at, (frame, t)) in tracked().enumerate() {
+            // Those of keyframes are adjusted with the map.
+            if self.map.keyframe(t.reference).is_none_or(|keyframe| keyframe.frame != frame) {
+                let (reference, camera_from_reference) = (t.reference, t.camera_from_reference);
+                starts.push((at, Start { frame, reference, camera_from_reference }));
+            }
+        }
+        let (places, starts): (Vec<usize>, Vec<Start>) = starts.into_iter().unzip();
+        let depth_weight = depth_weight(ctx, &self.map, &self.sights, &starts, trusted);
+        let ctx = &Context { depth_weight, ..ctx.clone() };
         let mut map = self.map.clone();
         let mut parts = adjust(ctx, &mut map, trusted);
-        let (mut poses, mut starts) = (Vec::new(), Vec::new());
-        for (entry, tracked) in self.frames.iter().filter_map(|entry| Some((entry, entry.tracked.as_ref()?))) {
-            let (camera_from_world, part) = tracked.place_in(&map);
-            let is_keyframe = map.keyframe(tracked.reference).is_some_and(|keyframe| keyframe.frame == entry.id);
-            if !is_keyframe {
-                starts.push((poses.len(), Start { frame: entry.id, map: part, camera_from_world }));
-            }
-            poses.push(entry.at(camera_from_world, part));
+        let refined = refine_frames(ctx, &map, &self.sights, &starts, ctx.config.r#final.min_inliers, trusted);
+        for (pose, (_, t)) in poses.iter_mut().zip(tracked()) {
+            pose.world_from_camera = t.place_in(&map).0.inverse();
         }
-        let refined =
-            refine_frames(ctx, &map, &self.sights, &starts.iter().map(|(_, s)| *s).collect::<Vec<_>>(), trusted);
-        for ((at, start), refined) in starts.iter().zip(refined) {
-            if let Some(report) = parts.iter_mut().find(|report| report.map == start.map.0) {
+        for (at, refined) in places.into_iter().zip(refined) {
+            let pose = &mut poses[at];
+            if let Some(report) = parts.iter_mut().find(|report| report.map == pose.map.0) {
                 report.refined += usize::from(refined.is_some());
                 report.kept += usize::from(refined.is_none());
             }
-            if let Some(camera_from_world) = refined {
-                poses[*at].world_from_camera = camera_from_world.inverse();
+            if let Some(refined) = refined {
+                pose.world_from_camera = refined.camera_from_world.inverse();
             }
         }
         FinalPath { poses, parts }
