@@ -13,6 +13,8 @@ use crate::tracking::TrackedFrame;
 const GRID: [u32; 2] = [8, 6];
 /// Merges that are remembered before all matches are brought up to date: some 3 MiB.
 const MAX_MERGES: usize = 1 << 16;
+/// Room for so many matches at least is asked for at once: 2 MiB.
+const MIN_ROOM: usize = 1 << 17;
 /// Low bits of the depth that hold the octave: there are at most 16, and 2^-19 of a depth is far below its noise.
 const OCTAVE_BITS: u32 = 0xf;
 
@@ -62,8 +64,8 @@ impl Sights {
         let count = chosen.as_ref().map_or(0, |(_, chosen)| chosen.len());
         self.counts.push_back(count as u16);
         if self.sights.len() + count > self.sights.capacity() {
-            // An eighth at a time, not twice as much: this is the largest list of a long run.
-            self.sights.reserve_exact(usize::max(count, self.sights.len() / 8));
+            // A quarter at a time, not twice as much: this is the largest list of a long run.
+            self.sights.reserve_exact(usize::max(count, usize::max(MIN_ROOM, self.sights.len() / 4)));
         }
         if let Some((frame, chosen)) = &chosen {
             self.sights.extend(chosen.iter().map(|(keypoint, point)| Sight::of(frame, *keypoint, *point)));
