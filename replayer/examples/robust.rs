@@ -99,7 +99,7 @@ fn run() -> Result<()> {
                     }
                     Some(Ok(Err(e))) => {
                         worst_lost = 9999;
-                        cells.push(format!("{p} {e}"))
+                        cells.push(format!("{p} {e}"));
                     }
                     Some(Err(e)) => cells.push(format!("{p} {e}")),
                     None => {}
