@@ -80,26 +80,48 @@ fn run() -> Result<()> {
         });
         let results = results.into_inner()?;
         for (c, (config, _)) in args.configs.iter().enumerate() {
-            let (mut errors, mut online, mut worst_lost, mut cells) = (vec![], vec![], 0, vec![]);
+            let (mut errors, mut online, mut unrefined, mut worst_lost, mut cells) =
+                (vec![], vec![], vec![], 0, vec![]);
             for p in &args.perturbations {
                 match results.get(&(c, *p)) {
                     Some(Ok(Ok(j))) => {
                         errors.push(j.error_m.rmse * 1e3);
                         online.push(j.online_m.rmse * 1e3);
+                        unrefined.push(j.unrefined_m.rmse * 1e3);
                         worst_lost = worst_lost.max(j.frames - j.tracked);
-                        let lost = if j.tracked < j.frames { format!(" LOST {}", j.frames - j.tracked) } else { String::new() };
-                        cells.push(format!("{p} {:.1}/{:.1}{lost}", j.error_m.rmse * 1e3, j.online_m.rmse * 1e3));
+                        let lost = if j.tracked < j.frames {
+                            format!(" LOST {}", j.frames - j.tracked)
+                        } else {
+                            String::new()
+                        };
+                        cells.push(format!(
+                            "{p} {:.1}/{:.1}/{:.1}{lost}",
+                            j.error_m.rmse * 1e3,
+                            j.online_m.rmse * 1e3,
+                            j.unrefined_m.rmse * 1e3
+                        ));
                     }
-                    Some(Ok(Err(e))) => { worst_lost = 9999; cells.push(format!("{p} {e}")) },
+                    Some(Ok(Err(e))) => {
+                        worst_lost = 9999;
+                        cells.push(format!("{p} {e}"));
+                    }
                     Some(Err(e)) => cells.push(format!("{p} {e}")),
                     None => {}
                 }
             }
-            let stat = |v: &mut Vec<f64>| { v.sort_by(f64::total_cmp); (v.get(v.len()/2).copied().unwrap_or(f64::NAN), v.last().copied().unwrap_or(f64::NAN)) };
+            let stat = |v: &mut Vec<f64>| {
+                v.sort_by(f64::total_cmp);
+                (v.get(v.len() / 2).copied().unwrap_or(f64::NAN), v.last().copied().unwrap_or(f64::NAN))
+            };
             let (m, w) = stat(&mut errors);
             let (mo, wo) = stat(&mut online);
-            println!("{name:<26} {config:<14} median {m:>6.1} worst {w:>6.1} | online {mo:>6.1} {wo:>6.1} | lost {worst_lost}");
-            if args.verbose { println!("    {}", cells.join(", ")); }
+            let (mu, wu) = stat(&mut unrefined);
+            println!(
+                "{name:<26} {config:<14} median {m:>6.1} worst {w:>6.1} | online {mo:>6.1} {wo:>6.1} | unrefined {mu:>6.1} {wu:>6.1} | lost {worst_lost}"
+            );
+            if args.verbose {
+                println!("    {}", cells.join(", "));
+            }
         }
     }
     Ok(())

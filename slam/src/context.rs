@@ -39,6 +39,8 @@ pub struct Context {
     pub close_m: f64,
     /// What the run has found out about the noise of depth so far.
     pub depth: DepthModel,
+    /// Factor on the information of measured depth; 1 but where the final stage finds out what depth is worth.
+    pub depth_weight: f64,
     /// Where stages take the memory of their lists from.
     pub buffers: Buffers,
 }
@@ -63,6 +65,7 @@ impl Context {
             scales: scales.to_vec(),
             close_m: config.sensor.close_baselines * bf / camera.fx,
             depth: DepthModel::default(),
+            depth_weight: 1.0,
             buffers: Buffers::default(),
         }
     }
@@ -101,15 +104,19 @@ impl Context {
     /// model (as noise of the disparity `bf / z`).
     #[must_use]
     pub fn measurement(&self, obs: &Observation, i: usize) -> Measurement {
-        let scale = self.scales[usize::from(obs.octave[i])];
-        let pixel = obs.pixel[i];
-        let depth = obs.depth(i);
+        self.measure(obs.pixel[i], obs.octave[i], obs.depth(i))
+    }
+
+    /// The same of an undistorted pixel on a pyramid level, with its depth in metres where that was measured.
+    #[must_use]
+    pub fn measure(&self, pixel: [f64; 2], octave: u8, depth: Option<f64>) -> Measurement {
+        let scale = self.scales[usize::from(octave)];
         let disparity_sigma = depth.map_or(1.0, |z| self.disparity_sigma(z, scale));
         Measurement {
             pixel,
             disparity: depth.map(|z| self.bf / z),
             weight: 1.0 / (scale * scale),
-            weight_disparity: 1.0 / (disparity_sigma * disparity_sigma),
+            weight_disparity: self.depth_weight / (disparity_sigma * disparity_sigma),
         }
     }
 

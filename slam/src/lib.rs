@@ -14,7 +14,7 @@
 //! ```
 //!
 //! Rooms, lower ones first: `slam-math`, `slam-vision` and `slam-optimize` (crates of their own, so the compiler keeps
-//! the order), [`map`], then [`panoptic`], [`tracking`], [`mapping`], [`looping`], then [`pipeline`].
+//! the order), [`map`], then [`panoptic`], [`tracking`], [`mapping`], [`looping`], [`offline`], then [`pipeline`].
 
 pub mod config;
 pub mod context;
@@ -25,6 +25,7 @@ pub mod map;
 pub mod mapping;
 pub mod matching;
 pub mod observation;
+pub mod offline;
 pub mod panoptic;
 pub mod pipeline;
 pub mod report;
@@ -33,7 +34,7 @@ pub mod tracking;
 pub use config::{Config, ConfigError};
 pub use input::{Category, DepthImage, FrameInput, PanopticMask, Segment, Sensor, Setup};
 pub use pipeline::{
-    Executor, FrontEnd, Inline, Job, JobKind, JobResult, Observer, Slam, SlamError, State, Ticket, TrajectoryPose,
-    Unobserved, Work,
+    Executor, FinalPath, FrontEnd, Inline, Job, JobKind, JobResult, Observer, Slam, SlamError, State, Ticket,
+    TrajectoryPose, Unobserved, Work,
 };
 pub use report::FrameReport;

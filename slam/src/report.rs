@@ -341,3 +341,30 @@ pub struct FrameReport {
     /// Digests.
     pub records: Buffer<StageRecord>,
 }
+
+/// What the final stage did to one part of the atlas and its frames.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FinalReport {
+    /// Which part.
+    pub map: u32,
+    /// Keyframes adjusted.
+    pub keyframes: usize,
+    /// Map points adjusted.
+    pub points: usize,
+    /// Observations of these points by those keyframes.
+    pub observations: usize,
+    /// Of them, those that do not fit in the end and have no say.
+    pub outliers: usize,
+    /// Factor on the information of measured depth, as it was found out.
+    pub depth_weight: f64,
+    /// Linear solves of bundle adjustment.
+    pub iterations: u32,
+    /// Robust cost (squared normalised residuals) of the observations before and after.
+    pub cost: [f64; 2],
+    /// Frames whose pose was found again in the adjusted map. Keyframes are not among them: they were adjusted.
+    pub refined: usize,
+    /// Frames that keep their place relative to a keyframe, as too few of their matches are left or the new pose did not fit
+    /// better.
+    pub kept: usize,
+}

@@ -1,7 +1,7 @@
 //! `pslam eval`.
 
 use crate::{Outcome, Usage, stdout};
-use replayer::eval::{Alignment, DeltaUnit, EvalOptions, Evaluation, RpeOptions, evaluate};
+use replayer::eval::{Alignment, DeltaUnit, EvalOptions, Evaluation, RpeOptions, Statistics, evaluate};
 use replayer::plot::{PlotEstimate, trajectories_svg};
 use replayer::run::{Estimate, MapFrames};
 use replayer::{read_truth, write_file};
@@ -53,6 +53,8 @@ pub struct Eval {
 struct Judgement {
     #[serde(flatten)]
     evaluation: Evaluation,
+    /// Position errors of the poses as they were known at each frame, where the final ones of a run are judged.
+    online_ate_m: Option<Statistics>,
     /// Maps that were never joined to the one of the trajectory, with their frames: these are not judged.
     never_joined: Vec<MapFrames>,
 }
@@ -65,7 +67,14 @@ impl fmt::Display for Judgement {
                 "not judged: {frames} frames of map{map}, which was never joined to the map of the trajectory"
             )?;
         }
-        write!(f, "{}", self.evaluation)
+        write!(f, "{}", self.evaluation)?;
+        if let Some(Statistics { rmse, median, max, count, .. }) = &self.online_ate_m {
+            write!(
+                f,
+                "\nonline    ATE {rmse:.5} m rmse, {median:.5} median, {max:.5} max over {count} poses as known at each frame"
+            )?;
+        }
+        Ok(())
     }
 }
 
@@ -107,7 +116,14 @@ impl Eval {
             let svg = trajectories_svg(&name, &truth, &[PlotEstimate::new(&name, &evaluation)]);
             write_file(path, svg.as_bytes(), self.force)?;
         }
-        stdout::either(self.json, "eval/1", &Judgement { evaluation, never_joined: estimate.never_joined })?;
+        let mut online_ate_m = None;
+        if self.run.is_dir() && !self.online {
+            // Where it can't be judged, the final one still is.
+            let online = Estimate::read(&self.run, true)?.trajectory;
+            online_ate_m = evaluate(&truth, &online, None, &options).ok().map(|evaluation| evaluation.ate_m);
+        }
+        let judgement = Judgement { evaluation, online_ate_m, never_joined: estimate.never_joined };
+        stdout::either(self.json, "eval/1", &judgement)?;
         Ok(Outcome::Good)
     }
 }

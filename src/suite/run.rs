@@ -7,7 +7,7 @@ use crate::progress::{self, Progress};
 use anyhow::Context as _;
 use replayer::eval::{Coverage, EvalOptions, Trajectory, evaluate};
 use replayer::read_truth;
-use replayer::run::{ReplayOptions, RunSummary, TRAJECTORY_TXT, replay};
+use replayer::run::{ReplayOptions, RunSummary, TRAJECTORY_ONLINE_TXT, TRAJECTORY_TXT, replay};
 use serde::Serialize;
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -54,6 +54,8 @@ pub enum Done {
     Judged {
         /// RMSE of the absolute trajectory error, metres.
         ate_m: f64,
+        /// The same of the poses as they were known at each frame; none where they can't be judged.
+        ate_online_m: Option<f64>,
         /// Frames in the trajectory, of all frames.
         tracked: usize,
         /// Frames of the log.
@@ -74,9 +76,10 @@ impl Done {
     /// The number for a table.
     #[must_use]
     pub fn value(&self, quantity: Quantity) -> Option<f64> {
-        let Self::Judged { ate_m, tracked, frames, tracking_ms, .. } = self else { return None };
+        let Self::Judged { ate_m, ate_online_m, tracked, frames, tracking_ms, .. } = self else { return None };
         Some(match quantity {
             Quantity::AteM => *ate_m,
+            Quantity::AteOnlineM => (*ate_online_m)?,
             Quantity::Tracked => 100.0 * *tracked as f64 / (*frames).max(1) as f64,
             Quantity::TrackingMs => *tracking_ms,
         })
@@ -154,9 +157,13 @@ fn evaluated(sequence: &Sequence, summary: &RunSummary, log: &Path, folder: &Pat
     let coverage = Coverage { tracked: result.in_trajectory, frames: result.frames };
     let trajectory = Trajectory::read_tum(&folder.join(TRAJECTORY_TXT))?;
     let options = EvalOptions { alignment: sequence.alignment, ..EvalOptions::default() };
-    let evaluation = evaluate(&read_truth(log)?, &trajectory, Some(coverage), &options)?;
+    let truth = read_truth(log)?;
+    let evaluation = evaluate(&truth, &trajectory, Some(coverage), &options)?;
+    let online = Trajectory::read_tum(&folder.join(TRAJECTORY_ONLINE_TXT))?;
+    let online = evaluate(&truth, &online, None, &options).ok();
     Ok(Done::Judged {
         ate_m: evaluation.ate_m.rmse,
+        ate_online_m: online.map(|online| online.ate_m.rmse),
         tracked: coverage.tracked,
         frames: coverage.frames,
         tracking_ms: timing.tracking_ms(),

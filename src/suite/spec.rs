@@ -85,6 +85,8 @@ pub struct Published {
 pub enum Quantity {
     /// RMSE of the absolute trajectory error, metres.
     AteM,
+    /// The same of the poses as they were known at each frame, metres.
+    AteOnlineM,
     /// Frames with a pose in the trajectory, percent.
     Tracked,
     /// Mean time per frame of features, filter and tracking, milliseconds.

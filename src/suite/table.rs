@@ -35,6 +35,7 @@ pub fn markdown(suite: &Suite, table: &Table, sequences: &[SequenceReport]) -> S
 fn header(table: &Table, configs: &[&str], published: &[&Published]) -> Vec<String> {
     let unit = match table.value {
         Quantity::AteM => "ATE RMSE [m]",
+        Quantity::AteOnlineM => "online ATE RMSE [m]",
         Quantity::Tracked => "tracked [%]",
         Quantity::TrackingMs => "tracking [ms]",
     };
@@ -46,7 +47,7 @@ fn header(table: &Table, configs: &[&str], published: &[&Published]) -> Vec<Stri
 fn figure(system: &Published, value: Quantity, sequence: &str) -> Option<f64> {
     match value {
         Quantity::AteM => system.ate_m.get(sequence).copied(),
-        Quantity::Tracked => None,
+        Quantity::AteOnlineM | Quantity::Tracked => None,
         Quantity::TrackingMs => system.tracking_ms.get(sequence).copied(),
     }
 }
@@ -55,7 +56,9 @@ fn figure(system: &Published, value: Quantity, sequence: &str) -> Option<f64> {
 fn text(done: &Done, value: Quantity) -> String {
     let Some(shown) = done.value(value) else { return "failed".to_owned() };
     match done {
-        Done::Judged { tracked, frames, .. } if value == Quantity::AteM && tracked < frames => {
+        Done::Judged { tracked, frames, .. }
+            if matches!(value, Quantity::AteM | Quantity::AteOnlineM) && tracked < frames =>
+        {
             format!("{} ({:.0} %)", number(shown, value), 100.0 * *tracked as f64 / *frames as f64)
         }
         _ => number(shown, value),
@@ -64,7 +67,7 @@ fn text(done: &Done, value: Quantity) -> String {
 
 fn number(shown: f64, value: Quantity) -> String {
     match value {
-        Quantity::AteM => format!("{shown:.4}"),
+        Quantity::AteM | Quantity::AteOnlineM => format!("{shown:.4}"),
         Quantity::Tracked | Quantity::TrackingMs => format!("{shown:.1}"),
     }
 }
@@ -98,8 +101,14 @@ mod tests {
              [[table]]\ntitle = 'Errors'\nvalue = 'ate_m'\npublished = ['Other']\n",
         )
         .unwrap();
-        let judged =
-            |ate_m, tracked| Done::Judged { ate_m, tracked, frames: 100, tracking_ms: 1.0, fingerprint: "f".into() };
+        let judged = |ate_m, tracked| Done::Judged {
+            ate_m,
+            ate_online_m: Some(ate_m * 2.0),
+            tracked,
+            frames: 100,
+            tracking_ms: 1.0,
+            fingerprint: "f".into(),
+        };
         let cell = |config: &str, done| Cell { config: config.to_owned(), done };
         let failed = Done::NotJudged { reason: "no truth".into() };
         let sequences = [
@@ -127,5 +136,11 @@ mod tests {
 \\* Other: published, table 3
 ";
         assert_eq!(markdown(&suite, &suite.table[0], &sequences), expected);
+        let online = Table { value: Quantity::AteOnlineM, published: vec![], ..suite.table[0].clone() };
+        let text = markdown(&suite, &online, &sequences);
+        assert!(
+            text.contains("online ATE RMSE [m]") && text.contains("0.0246") && text.contains("1.0000 (80 %)"),
+            "{text}"
+        );
     }
 }

@@ -21,13 +21,14 @@ const CRATES: [(&str, &str, &[&str]); 10] = [
 
 /// Rooms inside `slam`, lower ones first. Rooms of one row do not know each other, but for the first row, which is the
 /// vocabulary of all.
-const ROOMS: [&[&str]; 7] = [
+const ROOMS: [&[&str]; 8] = [
     &["config", "input", "observation", "report"],
     &["context", "matching"],
     &["map"],
     &["panoptic", "tracking"],
     &["mapping"],
     &["looping"],
+    &["offline"],
     &["pipeline"],
 ];
 

@@ -87,6 +87,8 @@ struct Story {
     estimate: Trajectory,
     truth: Trajectory,
     evaluation: Option<Evaluation>,
+    /// Of the poses as they were known at each frame.
+    online: Option<Evaluation>,
     seen: Option<Seen>,
     bench: Option<BenchFile>,
     other: Option<Other>,
@@ -133,6 +135,8 @@ pub fn report(run: &Path, options: &ReportOptions, progress: Progress<'_>) -> Re
     };
     let estimate = Estimate::of_run(run, &summary, false)?;
     let evaluation = judge(&truth, &estimate, &mut notices);
+    // What is wrong with it is wrong with the final one too.
+    let online = judge(&truth, &Estimate::of_run(run, &summary, true)?, &mut Vec::new());
     let other = options.compare.as_deref().map(|other| Other::read(run, other, &truth, &mut notices)).transpose()?;
     let bench = options.bench.as_deref().map(read_bench).transpose()?;
     let mut seen = None;
@@ -152,7 +156,7 @@ pub fn report(run: &Path, options: &ReportOptions, progress: Progress<'_>) -> Re
     }
     let name = name_of(run);
     let estimate = estimate.trajectory;
-    let story = Story { name, summary, rows, estimate, truth, evaluation, seen, bench, other, notices };
+    let story = Story { name, summary, rows, estimate, truth, evaluation, online, seen, bench, other, notices };
     let html = sections::page(&story)?;
     let pictures = story.seen.map_or(0, |seen| seen.moments.len());
     Ok(Report { html, pictures, notices: story.notices, evaluation: story.evaluation })

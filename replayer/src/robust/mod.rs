@@ -30,6 +30,8 @@ pub struct Judged {
     pub error_m: Statistics,
     /// The same of the trajectory as it was known at each frame.
     pub online_m: Statistics,
+    /// The same of the trajectory as the last frame left it, before the final stage.
+    pub unrefined_m: Statistics,
 }
 
 /// Replays a sequence and compares its trajectories with the truth: positions after alignment, or around their mean where the
@@ -46,6 +48,7 @@ pub fn judge(sequence: &Sequence, config: &Config, threads: usize) -> Result<Res
             tracked: done.result.in_trajectory,
             error_m,
             online_m: error(&done.online)?,
+            unrefined_m: error(&done.unrefined)?,
         })
     }))
 }

@@ -134,7 +134,8 @@ impl Perturbation {
 
 fn mirror(sequence: &mut Sequence) {
     let camera = &mut sequence.setup.camera;
-    *camera = Camera { cx: f64::from(camera.width) - 1.0 - camera.cx, distortion: mirrored(camera.distortion), ..*camera };
+    *camera =
+        Camera { cx: f64::from(camera.width) - 1.0 - camera.cx, distortion: mirrored(camera.distortion), ..*camera };
     for frame in &mut sequence.frames {
         flip(&mut frame.gray.data, frame.gray.width);
         if let Some(depth) = &mut frame.depth {
@@ -219,8 +220,9 @@ impl FromStr for Perturbation {
 
     fn from_str(name: &str) -> Result<Self, String> {
         let known = || Self::ALL.map(|known| known.to_string()).join(", ");
-        Self::ALL.into_iter().find(|known| known.to_string() == name).ok_or_else(|| {
-            format!("there is no perturbation {name:?}; choose from {}", known())
-        })
+        Self::ALL
+            .into_iter()
+            .find(|known| known.to_string() == name)
+            .ok_or_else(|| format!("there is no perturbation {name:?}; choose from {}", known()))
     }
 }

@@ -205,11 +205,12 @@ pub(super) fn frame_difference(a: &FrameEntry, b: &FrameEntry) -> Option<Differe
     None
 }
 
-/// Trajectories that differ though all frames agree.
+/// Trajectories that differ though all frames agree: where the online one is the same, what came after the last frame
+/// made the other.
 pub(super) fn end_difference(a: &RunEnd, b: &RunEnd) -> Option<Difference> {
     let digests = |a: Digest, b: Digest| [format!("digest {a}"), format!("digest {b}")];
-    [("trajectory", a.trajectory, b.trajectory), ("online trajectory", a.online, b.online)]
-        .into_iter()
-        .find(|(_, a, b)| a != b)
-        .map(|(field, a, b)| Difference { values: digests(a, b), ..Difference::whole(field, "", "") })
+    let both =
+        [("online trajectory", None, a.online, b.online), ("trajectory", Some("final"), a.trajectory, b.trajectory)];
+    let (field, stage, a, b) = both.into_iter().find(|(.., a, b)| a != b)?;
+    Some(Difference { stage, values: digests(a, b), ..Difference::whole(field, "", "") })
 }

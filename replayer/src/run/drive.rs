@@ -7,8 +7,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use slam::map::MapProblem;
+use slam::offline::seen_twice;
 use slam::report::{Event, TrackingState};
-use slam::{Config, FrameReport, FrontEnd, Setup, Slam, TrajectoryPose};
+use slam::{Config, FinalPath, FrameReport, FrontEnd, Setup, Slam, TrajectoryPose};
 use slam_math::{FrameId, MapId, Se3};
 use slam_vision::{Vocabulary, Workspace};
 
@@ -50,6 +51,8 @@ pub(crate) struct Outcome {
     pub result: RunResult,
     pub trajectory: Trajectory,
     pub online: Trajectory,
+    /// Before the final stage: by the keyframes as the last frame left them.
+    pub unrefined: Trajectory,
     pub timing: Timing,
 }
 
@@ -150,8 +153,10 @@ impl Drive {
             progress(tally.result.frames, *frames);
         }
         slam.settle(foreman)?;
-        let timing = self.clock.finish(threads, &foreman.job_times);
-        Ok(Some(self.tally.finish(&self.slam, &self.slam_from_recorded, timing)))
+        let mut watch = Stopwatch::start();
+        let path = foreman.in_pool(|| slam.final_path(&seen_twice));
+        let timing = self.clock.finish(threads, &foreman.job_times, watch.lap());
+        Ok(Some(self.tally.finish(&self.slam, path, &self.slam_from_recorded, timing)))
     }
 }
 
@@ -193,12 +198,14 @@ impl Tally {
         report.events.iter().for_each(|event| self.event(Some(report.id.0), event));
     }
 
-    fn finish(mut self, slam: &Slam, slam_from_recorded: &Se3, timing: Timing) -> Outcome {
+    fn finish(mut self, slam: &Slam, path: FinalPath, slam_from_recorded: &Se3, timing: Timing) -> Outcome {
         let recorded = |pose: TrajectoryPose| TrajectoryPose {
             world_from_camera: pose.world_from_camera * *slam_from_recorded,
             ..pose
         };
-        let path = MainPath::of(slam.trajectory().map(recorded));
+        let final_stage = path.parts;
+        let path = MainPath::of(path.poses.into_iter().map(recorded));
+        let unrefined = MainPath::of(slam.trajectory().map(recorded)).trajectory;
         // The map of a pose is the one of that moment: after two maps were joined, poses reported before are still in the
         // frame of the old one.
         let online = MainPath::of(slam.online_trajectory().map(recorded));
@@ -224,9 +231,10 @@ impl Tally {
             online_other_map_frames: ranges(&online.others),
             keyframes: slam.map().keyframe_count(),
             map_points: slam.map().point_count(),
+            r#final: final_stage,
             ..self.result
         };
-        Outcome { result, trajectory: path.trajectory, online: online.trajectory, timing }
+        Outcome { result, trajectory: path.trajectory, online: online.trajectory, unrefined, timing }
     }
 }
 

@@ -20,8 +20,7 @@ pub(crate) fn frames_of(
     config: &Config,
     layer: Option<&str>,
 ) -> Result<(Vec<FrameInput>, Setup, Trajectory), RunError> {
-    let options =
-        ReplayOptions { config: config.clone(), layer: layer.map(str::to_owned), ..ReplayOptions::default() };
+    let options = ReplayOptions { config: config.clone(), layer: layer.map(str::to_owned), ..ReplayOptions::default() };
     let source = Source::open(log, &options)?;
     let frames = source.timeline.stream(source.range.clone())?.map(|raw| Ok(source.input(&raw?)?.0));
     let frames = frames.collect::<Result<Vec<_>, RunError>>()?;

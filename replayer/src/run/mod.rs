@@ -4,7 +4,7 @@
 //!
 //! | file of a run | content |
 //! |---|---|
-//! | `trajectory.txt` | TUM text: the camera's path as the map says at the end |
+//! | `trajectory.txt` | TUM text: the camera's path as well as it is known at the end, see `slam::Slam::final_path` |
 //! | `trajectory_online.txt` | the same as it was known at each frame |
 //! | `records.bin` | digest and value of every field of every stage, see [`records`] |
 //! | `run.json` | [`RunSummary`] |

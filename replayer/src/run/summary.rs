@@ -8,6 +8,8 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use slam::report::FinalReport;
+
 use super::records::RunHeader;
 use super::{RunError, Timing};
 
@@ -63,6 +65,8 @@ pub struct RunResult {
     pub keyframes: usize,
     /// Map points at the end.
     pub map_points: usize,
+    /// What the final stage did, a map each; none when it is off.
+    pub r#final: Vec<FinalReport>,
     /// Events that are warnings.
     pub warnings: usize,
     /// What happened, the first thousand of it.
@@ -143,6 +147,9 @@ impl fmt::Display for RunSummary {
             r.tracked - r.in_trajectory
         )?;
         writeln!(f, "map          {} keyframes, {} points", r.keyframes, r.map_points)?;
+        for part in &r.r#final {
+            writeln!(f, "final        {}", told(part))?;
+        }
         writeln!(f, "events       {}, {} of them warnings", r.events.len() + r.events_left_out, r.warnings)?;
         for event in r.events.iter().filter(|event| event.warning).take(SHOWN_WARNINGS) {
             let frame = event.frame.map_or(String::new(), |frame| format!("frame {frame}: "));
@@ -154,6 +161,25 @@ impl fmt::Display for RunSummary {
         writeln!(f, "fingerprint  {}", self.fingerprint)?;
         write!(f, "{}", self.timing)
     }
+}
+
+fn told(part: &FinalReport) -> String {
+    let FinalReport {
+        map,
+        keyframes,
+        points,
+        observations,
+        outliers,
+        depth_weight,
+        iterations,
+        cost: [before, after],
+        refined,
+        kept,
+    } = part;
+    format!(
+        "map{map}: depth counts {depth_weight} times, cost {before:.0} to {after:.0} in {iterations} iterations over {keyframes} keyframes and {points} points, \
+         {outliers} of {observations} observations dropped; {refined} frames refined, {kept} kept"
+    )
 }
 
 fn list(ranges: &[Range<u32>]) -> String {

@@ -52,6 +52,8 @@ pub struct Timing {
     pub waiting: StageTime,
     /// Background jobs, wherever they ran.
     pub jobs: Vec<StageTime>,
+    /// The final stage after the last frame, seconds of wall time.
+    pub final_s: f64,
 }
 
 impl Timing {
@@ -82,7 +84,7 @@ impl fmt::Display for Timing {
         if let Some(mib) = self.peak_memory_mib {
             write!(f, ", peak memory {mib:.0} MiB")?;
         }
-        write!(f, ", start-up {:.2} s", self.start_up_s)
+        write!(f, ", start-up {:.2} s, final stage {:.2} s", self.start_up_s, self.final_s)
     }
 }
 
@@ -136,7 +138,7 @@ impl Clock {
         }
     }
 
-    pub fn finish(self, threads: usize, job_times: &[JobTime]) -> Timing {
+    pub fn finish(self, threads: usize, job_times: &[JobTime], final_stage: Duration) -> Timing {
         let wall_s = self.start.elapsed().as_secs_f64();
         let frames = self.frames.len();
         let cpu_s = cpu_seconds().zip(self.cpu_at_start_s).map(|(end, start)| end - start);
@@ -163,6 +165,7 @@ impl Clock {
             tracking: sum("tracking", &[&[FEATURES], tracking.as_slice()].concat()),
             waiting: sum("waiting", &[column(Work::Jobs)]),
             jobs: jobs.filter(|job| job.count > 0).collect(),
+            final_s: rounded(final_stage.as_secs_f64()),
         }
     }
 }

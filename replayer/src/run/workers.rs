@@ -202,6 +202,13 @@ impl Foreman<'_, '_> {
     }
 }
 
+impl Foreman<'_, '_> {
+    /// Runs what is parallel inside, with all threads that are allowed. For when no job is in flight.
+    pub fn in_pool<R: Send>(&self, f: impl FnOnce() -> R + Send) -> R {
+        self.shop.pool.run(f)
+    }
+}
+
 impl Executor for Foreman<'_, '_> {
     fn submit(&mut self, ticket: Ticket, job: Job) -> Option<JobResult> {
         self.shop.lock().jobs.insert((job.kind(), ticket), job);

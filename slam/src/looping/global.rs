@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 use slam_math::{KeyFrameId, MapId, MapPointId, Sim3};
-use slam_optimize::{BaObservation, BaOptions, BaPose, BaProblem, global_bundle_adjust};
+use slam_optimize::{BaObservation, BaOptions, BaPose, BaProblem, BaReport, global_bundle_adjust};
 
 use super::seam::correction;
 use crate::context::Context;
-use crate::map::{Map, MapEdit};
+use crate::map::{Map, MapEdit, MapPoint};
 
 /// Adjusts all keyframes and points of a part of the atlas, its root held. One edit, or none when there is nothing to
 /// adjust or nothing sensible comes out.
@@ -18,8 +18,40 @@ pub fn global_adjustment(ctx: &Context, map: &Map, part: MapId) -> Option<MapEdi
     let points: Vec<MapPointId> = map.points().filter(|p| p.map == part).map(|p| p.id).collect();
     let adjusted =
         Adjustment::new(ctx, map, keyframes, |id| map.keyframe(id).is_some_and(|k| k.parent.is_none()), points);
-    let (poses, positions) = adjusted.solve(ctx.config.looping.global_iterations)?;
+    let options = BaOptions { iterations: ctx.config.looping.global_iterations, ..BaOptions::default() };
+    let (poses, positions, _) = adjusted.solve(&options)?;
     Some(MapEdit::Correct(Box::new(correction(map, &poses, &positions))))
+}
+
+/// What [`adjust_part`] did.
+#[derive(Debug, Clone)]
+pub struct Adjusted {
+    /// One correction of the map.
+    pub edit: MapEdit,
+    /// Keyframes that took part.
+    pub keyframes: usize,
+    /// Points that took part.
+    pub points: usize,
+    /// Costs, iterations, and which observations do not fit.
+    pub report: BaReport,
+}
+
+/// The same with the points that `takes_part` says, and to whatever end `options` say.
+#[must_use]
+pub fn adjust_part(
+    ctx: &Context,
+    map: &Map,
+    part: MapId,
+    options: &BaOptions,
+    takes_part: impl Fn(&MapPoint) -> bool,
+) -> Option<Adjusted> {
+    let keyframes: Vec<KeyFrameId> = map.keyframes().filter(|k| k.map == part).map(|k| k.id).collect();
+    let points: Vec<MapPointId> = map.points().filter(|p| p.map == part && takes_part(p)).map(|p| p.id).collect();
+    let counts = (keyframes.len(), points.len());
+    let is_root = |id| map.keyframe(id).is_some_and(|k| k.parent.is_none());
+    let (poses, positions, report) = Adjustment::new(ctx, map, keyframes, is_root, points).solve(options)?;
+    let edit = MapEdit::Correct(Box::new(correction(map, &poses, &positions)));
+    Some(Adjusted { edit, keyframes: counts.0, points: counts.1, report })
 }
 
 /// Poses and points to be adjusted.
@@ -62,24 +94,26 @@ impl Adjustment {
     }
 
     /// Where everything is after the adjustment; `None` when there is nothing to adjust, or when a number is not finite.
-    #[expect(clippy::type_complexity, reason = "poses and positions")]
+    #[expect(clippy::type_complexity, reason = "poses, positions and a report")]
     pub fn solve(
         mut self,
-        iterations: u32,
-    ) -> Option<(BTreeMap<KeyFrameId, Sim3>, BTreeMap<MapPointId, Vector3<f64>>)> {
+        options: &BaOptions,
+    ) -> Option<(BTreeMap<KeyFrameId, Sim3>, BTreeMap<MapPointId, Vector3<f64>>, BaReport)> {
         let problem = &mut self.problem;
-        if iterations == 0 || problem.observations.is_empty() || problem.poses.iter().all(|p| p.fixed) {
+        if options.iterations == 0 || problem.observations.is_empty() || problem.poses.iter().all(|p| p.fixed) {
             return None;
         }
-        let options = BaOptions { iterations, ..BaOptions::default() };
         // A keyframe that nothing ties to the others stays where it is.
-        while let Err(loose) = global_bundle_adjust(problem, &options) {
-            problem.poses[loose.pose].fixed = true;
-        }
+        let report = loop {
+            match global_bundle_adjust(problem, options) {
+                Ok(done) => break done.ba,
+                Err(loose) => problem.poses[loose.pose].fixed = true,
+            }
+        };
         let finite = problem.poses.iter().all(|p| p.camera_from_world.is_finite())
             && problem.points.iter().all(|p| p.iter().all(|v| v.is_finite()));
         let poses = problem.poses.iter().map(|p| Sim3::from(p.camera_from_world));
         let poses = self.keyframes.iter().copied().zip(poses).collect();
-        finite.then(|| (poses, self.points.into_iter().zip(self.problem.points.iter().copied()).collect()))
+        finite.then(|| (poses, self.points.into_iter().zip(self.problem.points.iter().copied()).collect(), report))
     }
 }

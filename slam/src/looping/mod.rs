@@ -18,4 +18,4 @@ mod weld;
 pub use candidates::{Candidates, Votes, find_candidates};
 pub use close::correct;
 pub use detect::{LoopFound, LoopState, detect};
-pub use global::global_adjustment;
+pub use global::{Adjusted, adjust_part, global_adjustment};

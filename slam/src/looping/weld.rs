@@ -1,6 +1,7 @@
 //! Two parts of the atlas become one (ORB-SLAM3, section VI-B).
 
 use slam_math::{KeyFrameId, MapPointId};
+use slam_optimize::BaOptions;
 
 use super::detect::LoopFound;
 use super::global::Adjustment;
@@ -36,9 +37,9 @@ fn adjust_window(ctx: &Context, seam: &mut Seam, window: &[KeyFrameId]) -> Optio
     keyframes.dedup();
     let points = seam.map.points_seen_by(window, &ctx.buffers).to_vec();
     let fixed = |id: KeyFrameId| window.binary_search(&id).is_err();
-    let adjusted =
-        Adjustment::new(ctx, &seam.map, keyframes, fixed, points).solve(ctx.config.looping.global_iterations.max(1));
-    let (poses, positions) = adjusted?;
+    let iterations = ctx.config.looping.global_iterations.max(1);
+    let options = BaOptions { iterations, ..BaOptions::default() };
+    let (poses, positions, _) = Adjustment::new(ctx, &seam.map, keyframes, fixed, points).solve(&options)?;
     for (id, pose) in poses {
         seam.map.apply(&MapEdit::SetPose(id, pose.to_se3()));
     }

@@ -33,7 +33,7 @@ pub struct Map {
     /// Where a removed keyframe went: its spanning-tree parent and `removed_from_parent`, so that frames that refer to
     /// it keep their place.
     removed: BTreeMap<KeyFrameId, (KeyFrameId, Se3)>,
-    /// Point that a merged point became, since [`Map::forget_merges`].
+    /// Point that a merged point became, since [`Map::take_merges`].
     merged: BTreeMap<MapPointId, MapPointId>,
     /// Corrections so far.
     corrections: u32,
@@ -61,9 +61,11 @@ impl Map {
         Self { keyframes, points, removed: BTreeMap::new(), merged: BTreeMap::new(), corrections }
     }
 
-    /// Forgets what merged points became. For when nobody holds ids from before the merges any more.
-    pub fn forget_merges(&mut self) {
-        self.merged.clear();
+    /// What merged points became since this was last asked, forgotten from now on. For when nobody else holds ids from
+    /// before the merges any more.
+    #[must_use]
+    pub fn take_merges(&mut self) -> BTreeMap<MapPointId, MapPointId> {
+        std::mem::take(&mut self.merged)
     }
 
     /// The live point that this id stands for now: itself, or the point it was merged into.

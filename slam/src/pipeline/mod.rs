@@ -24,7 +24,7 @@ use slam_vision::{Places, VisionError, Vocabulary};
 pub use front_end::FrontEnd;
 pub use job::{Executor, Inline, Job, JobKind, JobResult, Ticket};
 pub use state::State;
-pub use trajectory::TrajectoryPose;
+pub use trajectory::{FinalPath, TrajectoryPose};
 
 use crate::config::Config;
 use crate::context::Context;
@@ -33,6 +33,7 @@ use crate::looping::LoopState;
 use crate::map::Map;
 use crate::mapping::YoungPoints;
 use crate::observation::Observation;
+use crate::offline::Sights;
 use crate::panoptic::PanopticFilter;
 use crate::report::{FrameReport, TrackingState};
 use crate::tracking::{FirstView, LocalMap, TrackedFrame};
@@ -177,6 +178,8 @@ pub struct Slam {
     /// Without depth: the view that waits for a second one to start a map.
     first_view: Option<FirstView>,
     frames: Vec<trajectory::Entry>,
+    /// What the frames saw, for the final stage.
+    sights: Sights,
     /// Local map of the frame in work, between tracking and map upkeep.
     last_local: Option<LocalMap>,
 }
@@ -217,6 +220,7 @@ impl Slam {
             tracker: Tracker::default(),
             first_view: None,
             frames: Vec::new(),
+            sights: Sights::default(),
             last_local: None,
         })
     }

@@ -145,6 +145,7 @@ impl Slam {
             }
             let jobs = self.loop_jobs(last);
             if jobs.is_empty() {
+                self.sights.follow(self.map.take_merges());
                 return Ok(());
             }
             jobs.into_iter().for_each(|(job, due)| self.schedule.submit(job, due, executor));

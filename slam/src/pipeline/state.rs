@@ -12,6 +12,7 @@ use crate::depth::DepthModel;
 use crate::looping::LoopState;
 use crate::map::{Map, MapProblem};
 use crate::mapping::YoungPoints;
+use crate::offline::Sights;
 use crate::panoptic::PanopticFilter;
 use crate::tracking::FirstView;
 
@@ -29,6 +30,7 @@ pub struct State<'a> {
     tracker: Cow<'a, Tracker>,
     first_view: Cow<'a, Option<FirstView>>,
     frames: Cow<'a, [trajectory::Entry]>,
+    sights: Cow<'a, Sights>,
 }
 
 impl State<'_> {
@@ -48,7 +50,7 @@ impl Slam {
         self.schedule.collect_all(self.frames.len() as u32, executor)?;
         // Named one by one, so that a new field can't be forgotten. The local map lives within a frame only.
         let Self { front_end: _, ctx, map, places: _, loops, waiting, filter, young, schedule, tracker, .. } = self;
-        let Self { first_view, frames, last_local: _, .. } = self;
+        let Self { first_view, frames, sights, last_local: _, .. } = self;
         Ok(State {
             depth: Cow::Borrowed(&ctx.depth),
             map: Cow::Borrowed(map),
@@ -60,6 +62,7 @@ impl Slam {
             tracker: Cow::Borrowed(tracker),
             first_view: Cow::Borrowed(first_view),
             frames: Cow::Borrowed(frames),
+            sights: Cow::Borrowed(sights),
         })
     }
 
@@ -68,7 +71,7 @@ impl Slam {
     /// # Errors
     /// A map that contradicts itself. That can't come from damage, which the file's own checks find.
     pub fn resumed(self, state: State<'_>) -> Result<Self, MapProblem> {
-        let State { depth, map, loops, waiting, filter, young, schedule, tracker, first_view, frames } = state;
+        let State { depth, map, loops, waiting, filter, young, schedule, tracker, first_view, frames, sights } = state;
         map.check(self.context().scales.len())?;
         let mut slam = Self {
             ctx: Arc::new(Context { depth: depth.into_owned(), ..(*self.ctx).clone() }),
@@ -81,6 +84,7 @@ impl Slam {
             tracker: tracker.into_owned(),
             first_view: first_view.into_owned(),
             frames: frames.into_owned(),
+            sights: sights.into_owned(),
             ..self
         };
         let keyframes: Vec<_> = slam.map.keyframes().map(|k| k.id).collect();

@@ -72,8 +72,9 @@ impl<'a> Step<'a> {
         self.apply_due_jobs()?;
         // They may have found out more about depth.
         self.ctx = Arc::clone(&self.slam.ctx);
-        // The last frame, the only one that is remembered with points, has just followed them.
-        self.slam.map.forget_merges();
+        // The last frame has just followed them.
+        let merges = self.slam.map.take_merges();
+        self.slam.sights.follow(merges);
         if let Some(last) = &self.slam.tracker.last {
             (self.frame.reference, self.frame.camera_from_world) = (last.reference, last.camera_from_world);
         }
@@ -172,6 +173,9 @@ impl<'a> Step<'a> {
         let pose = tracked.then_some(self.frame.camera_from_world);
         self.slam.filter.remember(&self.ctx, self.input, &self.frame.obs, pose.as_ref(), filter);
         self.advance_tracker(tracked);
+        if self.ctx.config.r#final.enabled {
+            self.slam.sights.remember(&self.ctx, tracked.then_some(&self.frame));
+        }
         self.slam.frames.push(trajectory::Entry {
             id: self.frame.id,
             stamp: self.frame.stamp,

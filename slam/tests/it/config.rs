@@ -17,7 +17,7 @@ fn each_section_refuses_an_unknown_key() {
             }
         }
     }
-    assert_eq!(sections.len(), 15, "{sections:?}");
+    assert_eq!(sections.len(), 16, "{sections:?}");
     for section in sections {
         let error = Config::from_toml(&format!("{section}\nno_such_key = 1")).expect_err(&section).to_string();
         assert!(error.contains("no_such_key"), "{section}: {error}");
@@ -41,6 +41,14 @@ fn values_outside_their_range_name_their_key() {
         ("[tracking]\nratio = 1.1", "tracking.ratio"),
         ("[panoptic.motion]\nhistory_frames = [0]", "panoptic.motion.history_frames"),
         ("[panoptic.motion]\nhistory_frames = [301]", "panoptic.motion.history_frames"),
+        ("[final]\niterations = 0", "final.iterations"),
+        ("[final]\nrounds = 101", "final.rounds"),
+        ("[final]\ndepth_weights = []", "final.depth_weights"),
+        ("[final]\ndepth_weights = [1.0, nan]", "final.depth_weights"),
+        ("[final]\ndepth_slack = -0.1", "final.depth_slack"),
+        ("[final]\nmax_frames = 10000001", "final.max_frames"),
+        ("[final]\nmax_matches = 65536", "final.max_matches"),
+        ("[final]\nmin_inliers = 5", "final.min_inliers"),
     ] {
         let error = Config::from_toml(text).expect_err(text).to_string();
         assert!(error.contains(key), "{text}: {error}");

@@ -15,6 +15,7 @@ mod map;
 mod map_edits;
 mod matching;
 mod observation;
+mod offline;
 mod paper_rule;
 mod pipeline;
 mod scene;

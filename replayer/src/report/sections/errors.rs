@@ -64,12 +64,16 @@ pub fn errors(page: &mut Page, story: &Story) {
         end_s: end_s(story),
     };
     let lost = lost_bands(story);
-    let (label, unit, per_metre) = scale(evaluation, story.other.as_ref());
+    let others = [story.other.as_ref().and_then(|other| other.evaluation.as_ref()), story.online.as_ref()];
+    let (label, unit, per_metre) = scale(evaluation, others);
     let mut position = vec![curve(story, &story.name, "var(--s1)", evaluation, |s| s.translation_m * per_metre)];
     if let Some(other) = &story.other
         && let Some(of_other) = &other.evaluation
     {
         position.push(curve(story, &other.name, "var(--s3)", of_other, |s| s.translation_m * per_metre));
+    }
+    if let Some(online) = &story.online {
+        position.push(curve(story, ONLINE, "var(--s2)", online, |s| s.translation_m * per_metre));
     }
     let figure = Chart { lost: &lost, ..chart("position", "Position error", label, unit, position) };
     page.raw(figure.html());
@@ -89,13 +93,16 @@ pub fn errors(page: &mut Page, story: &Story) {
     });
     let title = "Relative pose error, at the end of each stretch";
     page.raw(chart("relative", title, label, unit, relative.collect()).html());
-    table(page, evaluation);
+    table(page, evaluation, story.online.as_ref());
 }
 
+/// What poses are called that no later frame has changed.
+const ONLINE: &str = "as known at each frame";
+
 /// The unit in which the largest error reads well.
-fn scale(evaluation: &Evaluation, other: Option<&Other>) -> (&'static str, &'static str, f64) {
-    let of_other = other.and_then(|other| other.evaluation.as_ref()).map_or(0.0, |e| e.ate_m.max);
-    match slam_math::float::max(evaluation.ate_m.max, of_other) {
+fn scale(evaluation: &Evaluation, others: [Option<&Evaluation>; 2]) -> (&'static str, &'static str, f64) {
+    let of_others = others.into_iter().flatten().map(|e| e.ate_m.max);
+    match of_others.fold(evaluation.ate_m.max, slam_math::float::max) {
         m if m < 0.02 => ("error [mm]", " mm", 1e3),
         m if m < 1.0 => ("error [cm]", " cm", 1e2),
         _ => ("error [m]", " m", 1.0),
@@ -128,7 +135,7 @@ fn curve(
     Series { name: name.to_owned(), color, values }
 }
 
-fn table(page: &mut Page, evaluation: &Evaluation) {
+fn table(page: &mut Page, evaluation: &Evaluation, online: Option<&Evaluation>) {
     let cells = |name: String, unit: &str, statistics: Option<&Statistics>| {
         let mut row = vec![name, unit.to_owned()];
         match statistics {
@@ -144,6 +151,9 @@ fn table(page: &mut Page, evaluation: &Evaluation) {
         cells("ATE".to_owned(), "m", Some(&evaluation.ate_m)),
         cells("ATE, orientation".to_owned(), "degrees", Some(&evaluation.ate_rotation_deg)),
     ];
+    if let Some(online) = online {
+        rows.insert(1, cells(format!("ATE, {ONLINE}"), "m", Some(&online.ate_m)));
+    }
     for rpe in &evaluation.rpe {
         rows.push(cells(rpe.options.to_string(), "m", rpe.translation_m.as_ref()));
         rows.push(cells(format!("{}, orientation", rpe.options), "degrees", rpe.rotation_deg.as_ref()));
