@@ -1,8 +1,8 @@
 //! Exact masks of movers in place of a network's labels.
-use std::path::Path;
-use std::sync::Arc;
 use replayer::robust::Sequence;
 use slam::{Category, PanopticMask, Segment};
+use std::path::Path;
+use std::sync::Arc;
 
 /// With ORACLE=FOLDER of `T.png`: movers become people, everything else background.
 pub fn apply(s: &mut Sequence) -> Result<(), Box<dyn std::error::Error>> {

@@ -21,7 +21,9 @@ pub(super) fn compare_depths(ctx: &Context, map: &Map, id: KeyFrameId) -> DepthM
     let Some(keyframe) = map.keyframe(id).filter(|_| ctx.sensor == Sensor::Rgbd) else { return found };
     let axis = keyframe.camera_from_world.rotation.row(2).transpose();
     for (i, point) in keyframe.points.iter().enumerate() {
-        let (Some(measured), Some(point)) = (keyframe.obs.depth(i), point.and_then(|id| map.point(id))) else { continue };
+        let (Some(measured), Some(point)) = (keyframe.obs.depth(i), point.and_then(|id| map.point(id))) else {
+            continue;
+        };
         let Some((position, covariance)) = triangulated(ctx, map, point) else { continue };
         let z = keyframe.camera_from_world.transform(&position)[2];
         let variance = axis.dot(&(covariance * axis));
@@ -46,8 +48,9 @@ fn triangulated(ctx: &Context, map: &Map, point: &MapPoint) -> Option<(Vector3<f
         let centre = keyframe.center();
         let ray = keyframe.camera_from_world.rotation.transpose() * ctx.camera.unproject(keyframe.obs.pixel[i], 1.0);
         let ray = ray / ray.norm();
-        let spread = (point.position - centre).norm() * KEYPOINT_SIGMA_PX * ctx.scales[usize::from(keyframe.obs.octave[i])]
-            / ctx.pinhole.fx;
+        let spread =
+            (point.position - centre).norm() * KEYPOINT_SIGMA_PX * ctx.scales[usize::from(keyframe.obs.octave[i])]
+                / ctx.pinhole.fx;
         let across = (Matrix3::identity() - ray * ray.transpose()) / (spread * spread);
         information += across;
         pull += across * centre;

@@ -17,7 +17,7 @@ fn each_section_refuses_an_unknown_key() {
             }
         }
     }
-    assert_eq!(sections.len(), 16, "{sections:?}");
+    assert_eq!(sections.len(), 17, "{sections:?}");
     for section in sections {
         let error = Config::from_toml(&format!("{section}\nno_such_key = 1")).expect_err(&section).to_string();
         assert!(error.contains("no_such_key"), "{section}: {error}");

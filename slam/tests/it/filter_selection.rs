@@ -1,4 +1,4 @@
-//! Which keypoints tracking may use when few are static.
+//! Which keypoints each selection lets tracking use.
 
 use slam::Config;
 use slam::panoptic::{Evidence, FrameFilter, Regions};
@@ -7,13 +7,13 @@ use slam_math::Buffer;
 
 use crate::support::context;
 
-fn frame(verdicts: &[(usize, Verdict)]) -> FrameFilter {
-    let verdict: Vec<Verdict> = verdicts.iter().flat_map(|(n, v)| vec![*v; *n]).collect();
-    let n = verdict.len();
+/// A frame with one keypoint of each verdict.
+fn frame() -> FrameFilter {
+    let n = Verdict::ALL.len();
     FrameFilter {
         class: vec![KeypointClass::Stuff; n].into(),
         region: vec![None; n].into(),
-        verdict: verdict.into(),
+        verdict: Verdict::ALL.to_vec().into(),
         motion_sigmas: vec![f64::NAN; n].into(),
         regions: Regions::default(),
         tracks: Buffer::default(),
@@ -24,38 +24,26 @@ fn frame(verdicts: &[(usize, Verdict)]) -> FrameFilter {
         memory: Buffer::default(),
         epipolar: None,
         epipolar_px: vec![f64::NAN; n].into(),
+        vouched: Buffer::default(),
+        disagrees: Buffer::default(),
     }
 }
 
-/// What is chosen of `statics` static keypoints and 60 of each other verdict, with the default limit of 150.
-fn chosen(statics: usize, of_others: usize) -> (Selection, Vec<Verdict>) {
-    let config = Config::default();
-    assert_eq!(config.tracking.min_static_keypoints, 150);
-    let all: Vec<(usize, Verdict)> =
-        Verdict::ALL.iter().map(|v| (if *v == Verdict::Static { statics } else { of_others }, *v)).collect();
-    let frame = frame(&all);
-    let (selection, usable) = frame.select(&context(&config));
-    let mut used: Vec<Verdict> = frame.verdict.iter().zip(&usable).filter(|(_, u)| **u).map(|(v, _)| *v).collect();
-    used.dedup();
-    (selection, used)
+fn admitted(selection: Selection) -> Vec<Verdict> {
+    let frame = frame();
+    let admitted = frame.admitted(&context(&Config::default()), selection);
+    frame.verdict.iter().zip(&admitted).filter(|(_, admitted)| **admitted).map(|(verdict, _)| *verdict).collect()
 }
 
 #[test]
-fn static_keypoints_alone_when_they_are_enough() {
-    assert_eq!(chosen(150, 60), (Selection::Static, vec![Verdict::Static]));
-}
-
-#[test]
-fn unconfirmed_ones_next() {
-    let with = vec![Verdict::Static, Verdict::ThingNew, Verdict::UnknownNew];
-    assert_eq!(chosen(149, 60), (Selection::WithUnconfirmed, with.clone()));
-    assert_eq!(chosen(30, 60), (Selection::WithUnconfirmed, with));
-}
-
-#[test]
-fn all_but_people_and_movers_last() {
-    let last = vec![Verdict::Static, Verdict::ThingNew, Verdict::UnknownNew, Verdict::Border, Verdict::FreeSpace];
-    assert_eq!(chosen(29, 60), (Selection::AllButMovers, last.clone()));
-    assert_eq!(chosen(1, 1), (Selection::AllButMovers, last), "also when even those are few");
-    assert_eq!(chosen(0, 0), (Selection::AllButMovers, vec![]));
+fn each_selection_admits_more_than_the_one_before_and_the_last_believes_no_label() {
+    assert_eq!(admitted(Selection::Static), [Verdict::Static]);
+    assert_eq!(admitted(Selection::WithUnconfirmed), [Verdict::Static, Verdict::ThingNew, Verdict::UnknownNew]);
+    let but_people: Vec<Verdict> = Verdict::ALL.into_iter().filter(|v| *v != Verdict::Person).collect();
+    assert_eq!(admitted(Selection::AllButPeople), but_people);
+    assert_eq!(admitted(Selection::Everything), Verdict::ALL);
+    for pair in Selection::ALL.windows(2) {
+        let (narrow, wide) = (admitted(pair[0]), admitted(pair[1]));
+        assert!(narrow.len() < wide.len() && narrow.iter().all(|v| wide.contains(v)), "{pair:?}");
+    }
 }

@@ -27,7 +27,7 @@ fn fitted_error(path: impl Iterator<Item = TrajectoryPose>, truth: &[Se3], with_
     (squares.sum::<f64>() / found.len() as f64).sqrt()
 }
 
-/// Keyframes only where the view changed: with the default's the path drifts too little (0.30 m) to show what closing does.
+/// Keyframes only where the view changed, so that the path drifts.
 fn config(enabled: bool) -> Config {
     let mut config = Config::default();
     config.keyframes.min_close_share = 0.0;
@@ -50,7 +50,8 @@ fn a_round_of_60_m_with_drift_is_closed() {
     assert!(closed.events.iter().any(|e| e.contains("loop closed")), "{:?}", closed.events);
     let [open_m, closed_m] = [&open, &closed].map(|walk| ate(&walk.slam, &walk.truth));
     eprintln!("60 m with depth: {open_m:.3} m open, {closed_m:.3} m closed");
-    assert!(closed_m < 0.1 * open_m, "ATE {open_m:.3} m open, {closed_m:.3} m closed");
+    // The optimum for that noise is 0.036 m, however far the path has drifted before.
+    assert!(closed_m < 0.05 && closed_m < 0.4 * open_m, "ATE {open_m:.3} m open, {closed_m:.3} m closed");
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::Vector3;
 use slam::context::Context;
 use slam::observation::Observation;
-use slam::panoptic::{FrameFilter, PanopticFilter};
+use slam::panoptic::{FrameFilter, PanopticFilter, Tracked};
 use slam::report::{RegionState, Verdict};
 use slam::{Config, FrameInput, Sensor};
 use slam_math::{Buffers, Se3};
@@ -102,7 +102,17 @@ impl Film {
         ));
         let pose = self.pose();
         let mut filter = self.filter.label(&self.ctx, &input, &obs);
-        self.filter.judge(&self.ctx, &input, &obs, &pose, Some(WALL_M), &mut filter);
+        let unmatched = vec![false; obs.len()];
+        let tracked = Tracked {
+            camera_from_world: &pose,
+            position_sigma_m: 0.0,
+            rotation_sigma_rad: 0.0,
+            scene_depth: Some(WALL_M),
+            matched: &unmatched,
+            vouched: &unmatched,
+            disagrees: &[],
+        };
+        self.filter.judge(&self.ctx, &input, &obs, &tracked, &mut filter);
         self.filter.remember(&self.ctx, &input, &obs, Some(&pose), &filter);
         self.next += 1;
         Shown { obs, filter }
