@@ -16,11 +16,16 @@ const CALM_FRAMES: u8 = 10;
 /// Frames for which a place without depth is remembered as background when its label goes: nothing else tells.
 pub(super) const GROUND_FRAMES: u8 = 30;
 
+/// Frames in which map points that have stood still for long must vouch for a region that was taken to move.
+const VOUCHED_FRAMES: u32 = 5;
+
 /// What a cell of the picture was a moment ago.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct CellMemory {
     /// Frames until it is forgotten that a person or mover was here.
     pub heat: u8,
+    /// Frames until it is forgotten that a mover was here that is no person.
+    pub moved: u8,
     /// Frames until it is forgotten that a confirmed static region was here.
     pub calm: u8,
     /// Frames until it is forgotten that background was here, by its label or by its place.
@@ -68,7 +73,7 @@ impl PanopticFilter {
         for (memory, region) in last.memory.iter().zip(&regions.cell).filter(|(_, region)| **region != NO_REGION) {
             let count = &mut covered[usize::from(*region)];
             count[0] += u32::from(memory.calm > 0);
-            count[1] += u32::from(memory.heat > 0);
+            count[1] += u32::from(memory.moved > 0);
         }
         covered
     }
@@ -80,14 +85,14 @@ impl PanopticFilter {
         let filters = &ctx.config.panoptic;
         let cell_memory = |(cell, region): (usize, &u16)| {
             let old = before.map_or(CellMemory::default(), |last| last.memory[cell]);
-            let (heat, calm) = (old.heat.saturating_sub(1), old.calm.saturating_sub(1));
-            let faded = CellMemory { heat, calm, ground: old.ground.saturating_sub(1) };
+            let [heat, moved, calm, ground] = [old.heat, old.moved, old.calm, old.ground].map(|n| n.saturating_sub(1));
+            let faded = CellMemory { heat, moved, calm, ground };
             let track = frame.tracks.get(usize::from(*region)).filter(|_| !frame.ground[cell]);
             let Some(track) = track else {
-                let heat = if frame.ground[cell] { 0 } else { heat };
+                let [heat, moved] = if frame.ground[cell] { [0, 0] } else { [heat, moved] };
                 let is_blind = regions.list.get(usize::from(*region)).is_some_and(|region| region.blind);
                 let ground = if is_blind || heat > 0 { faded.ground } else { GROUND_FRAMES };
-                return CellMemory { heat, ground, ..faded };
+                return CellMemory { heat, moved, ground, ..faded };
             };
             let judged = match regions.list[usize::from(*region)].kind {
                 RegionKind::Unknown => filters.unknown,
@@ -95,7 +100,9 @@ impl PanopticFilter {
             };
             match track.state {
                 RegionState::Person if filters.people => CellMemory { heat: HEAT_FRAMES, ..CellMemory::default() },
-                RegionState::Dynamic if judged => CellMemory { heat: HEAT_FRAMES, ..CellMemory::default() },
+                RegionState::Dynamic if judged => {
+                    CellMemory { heat: HEAT_FRAMES, moved: HEAT_FRAMES, ..CellMemory::default() }
+                }
                 RegionState::Static => CellMemory { calm: CALM_FRAMES, ..faded },
                 _ => faded,
             }
@@ -146,7 +153,8 @@ fn ranked_pairs(ctx: &Context, last: &Regions, regions: &Regions) -> Buffer<Pair
 
 /// State of a region that starts a new track, `covered` by static and moving cells of the last frame. Real networks
 /// split, join and rename segments from frame to frame; what lies where a confirmed region was needs no new
-/// confirmation, and what lies where a mover was is not let in under another name.
+/// confirmation, and what lies where a mover was is not let in under another name. What lies where a person was is new: in a
+/// crowd that is everything in turn.
 fn first_state(ctx: &Context, region: &Region, covered: [u32; 2]) -> RegionState {
     let [was_static, moved] = covered;
     if region.kind == RegionKind::Person {
@@ -205,7 +213,8 @@ impl Track {
             Vote::Disagrees => (self.disagreed_streak, self.static_streak) = (self.disagreed_streak + 1, 0),
             Vote::Static | Vote::Vouched => {
                 (self.dynamic_streak, self.moved_streak, self.disagreed_streak) = (0, 0, 0);
-                self.static_streak += 1;
+                self.static_streak +=
+                    if vote == Vote::Vouched { motion.readmit_frames.div_ceil(VOUCHED_FRAMES) } else { 1 };
             }
             Vote::Silent => {}
         }

@@ -91,7 +91,7 @@ pub struct Tracked<'a> {
     pub scene_depth: Option<f64>,
     /// Keypoints matched with a map point that fits.
     pub matched: &'a [bool],
-    /// Those whose point has stood still for long.
+    /// Keypoints on which a map point lies that has stood still for long, whether it is matched or only looked up.
     pub vouched: &'a [bool],
     /// Regions that disagree with the background; empty when nobody could be asked.
     pub disagrees: &'a [bool],
@@ -149,6 +149,12 @@ impl FrameFilter {
             Selection::Everything => true,
         };
         ctx.buffers.collect(self.verdict.iter().map(admits))
+    }
+
+    /// Whether a keypoint lies on a region that is taken to move.
+    #[must_use]
+    pub fn is_condemned(&self, i: usize) -> bool {
+        matches!(self.verdict[i], Verdict::ThingDynamic | Verdict::UnknownDynamic)
     }
 
     /// Whether a keypoint lies on a region that nothing is known about yet.

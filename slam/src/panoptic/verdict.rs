@@ -70,18 +70,22 @@ pub(super) fn update_tracks(ctx: &Context, tracked: &Tracked<'_>, frame: &mut Fr
     let regions = frame.tracks.len();
     let [mut matched, mut vouched] = [ctx.buffers.filled(regions, 0u32), ctx.buffers.filled(regions, 0u32)];
     for (i, region) in frame.region.iter().enumerate() {
-        if let Some(region) = region.filter(|_| tracked.matched[i]) {
-            matched[region] += 1;
+        if let Some(region) = *region {
+            matched[region] += u32::from(tracked.matched[i]);
             vouched[region] += u32::from(tracked.vouched[i]);
         }
     }
+    let needed = |region: usize| match frame.tracks[region].state {
+        RegionState::Dynamic => MANY_VOUCHERS,
+        _ => MIN_VOUCHERS,
+    };
     let vote = |region: usize| {
         if tracked.disagrees.get(region).is_some_and(|disagrees| *disagrees) {
             return Vote::Disagrees;
         }
         match frame.evidence[region].vote(&config.motion, &frame.stuff, by_keypoints) {
             Vote::Dynamic | Vote::Moved if vouched[region] >= MANY_VOUCHERS => Vote::Silent,
-            Vote::Silent | Vote::Static if vouched[region] >= MIN_VOUCHERS => Vote::Vouched,
+            Vote::Silent | Vote::Static if vouched[region] >= needed(region) => Vote::Vouched,
             vote => vote,
         }
     };

@@ -12,7 +12,8 @@ use crate::observation::round_to_pixel;
 use crate::panoptic::{FrameFilter, Matched, Tracked, consensus};
 use crate::report::{RegionState, Selection};
 use crate::tracking::{
-    LocalMap, PoseFit, TrackedFrame, match_local_map, refine_pose, relocalize, track_motion_model, track_reference,
+    LocalMap, PoseFit, TrackedFrame, look_up, match_local_map, refine_pose, relocalize, track_motion_model,
+    track_reference,
 };
 
 /// A frame's pose with one selection of keypoints.
@@ -107,7 +108,7 @@ impl Step<'_> {
         (self.counts.motion_matches, self.counts.local_matches) = (motion_matches, local_matches);
         self.counts.local_points = local.points.len() as u32;
         let before = self.frame.clone();
-        self.judge(filter, &fit, &disagrees);
+        self.judge(filter, &fit, &disagrees, &local);
         if before.points.iter().zip(&self.frame.points).any(|(before, now)| before != now) {
             let again = refine_pose(&self.ctx, &self.slam.map, &mut self.frame);
             if again.inliers >= self.needed_inliers() {
@@ -130,11 +131,16 @@ impl Step<'_> {
 
     /// Final verdicts under the pose; matches of keypoints that turned out to move are dropped. What is usable from here on may
     /// become part of the map: never what is seen to move.
-    fn judge(&mut self, filter: &mut FrameFilter, fit: &PoseFit, disagrees: &[bool]) {
+    fn judge(&mut self, filter: &mut FrameFilter, fit: &PoseFit, disagrees: &[bool], local: &LocalMap) {
         let (ctx, map, frame) = (&self.ctx, &self.slam.map, &self.frame);
         let matched = ctx.buffers.collect(frame.points.iter().map(Option::is_some));
-        let vouches = |point: &Option<MapPointId>| point.is_some_and(|id| is_established(ctx, map, id));
-        let vouched = ctx.buffers.collect(frame.points.iter().map(vouches));
+        let established = |id: MapPointId| is_established(ctx, map, id);
+        // What was taken to move is looked up too: where old points lie, it stands still.
+        let is_condemned = |i: usize| frame.points[i].is_none() && filter.is_condemned(i);
+        let mut vouched = look_up(ctx, map, local, frame, is_condemned, established);
+        for (vouched, point) in vouched.iter_mut().zip(&frame.points) {
+            *vouched |= point.is_some_and(established);
+        }
         let tracked = Tracked {
             camera_from_world: &frame.camera_from_world,
             position_sigma_m: fit.position_sigma_m(),

@@ -103,6 +103,32 @@ pub fn track_local_map(ctx: &Context, map: &Map, local: &mut LocalMap, frame: &m
     refine_pose(ctx, map, frame)
 }
 
+/// Keypoints that are not used but on which a point of the local map lies all the same, by looks and within the noise of the
+/// pose that the frame has. `wanted` are the keypoints to try, `admits` the points.
+pub fn look_up(
+    ctx: &Context,
+    map: &Map,
+    local: &LocalMap,
+    frame: &TrackedFrame,
+    wanted: impl Fn(usize) -> bool,
+    admits: impl Fn(MapPointId) -> bool,
+) -> Buffer<bool> {
+    let mut found = ctx.buffers.filled(frame.obs.len(), false);
+    if !(0..frame.obs.len()).any(&wanted) {
+        return found;
+    }
+    let mut local = LocalMap { points: local.points.clone(), ..LocalMap::default() };
+    local.points.retain(|id| admits(*id));
+    let queries = local.find_in_view(ctx, map, frame);
+    let limits = Limits { hamming: ctx.config.tracking.hamming_high, ratio: ctx.config.tracking.ratio };
+    for m in &search(&frame.obs, &queries, limits, &ctx.buffers, wanted) {
+        let Some(point) = map.point(m.key) else { continue };
+        let in_camera = frame.camera_from_world.transform(&point.position);
+        found[m.index as usize] = ctx.fits(&frame.obs, m.index as usize, &in_camera);
+    }
+    found
+}
+
 /// Finds local points among the frame's free keypoints; what does not fit the pose is among the matches still. Returns how many
 /// there are.
 pub fn match_local_map(

@@ -14,7 +14,7 @@ use slam_math::{Buffer, Buffers, FrameId, KeyFrameId, MapPointId, Se3, Stamp};
 
 pub use keyframe_policy::{KeyframeNeed, keyframe_needed};
 pub(crate) use local_map::appearance;
-pub use local_map::{LocalMap, match_local_map, track_local_map};
+pub use local_map::{LocalMap, look_up, match_local_map, track_local_map};
 pub use pose::{PoseFit, refine_pose};
 pub(crate) use predict::depth_tolerance;
 pub use predict::{Admits, track_motion_model, track_reference};
