@@ -22,7 +22,7 @@ const CRATES: [(&str, &str, &[&str]); 10] = [
 /// Rooms inside `slam`, lower ones first. Rooms of one row do not know each other, but for the first row, which is the
 /// vocabulary of all.
 const ROOMS: [&[&str]; 8] = [
-    &["config", "input", "observation", "report"],
+    &["config", "depth", "input", "observation", "report"],
     &["context", "matching"],
     &["map"],
     &["panoptic", "tracking"],
