@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 /// Arguments.
 #[derive(Debug, clap::Args)]
 pub struct Suite {
-    /// A suite file, or one that comes along: tum, bonn, quadruped, kitchens, synthetic, unseen, rooms, hard.
+    /// A suite file, or one that comes along: tum, bonn, quadruped, kitchens, synthetic, unseen, rooms, robust, hard.
     suite: String,
     /// Folder to write: logs, runs, suite.json, tables.md.
     #[arg(short, long, value_name = "DIR", required_unless_present = "print")]
@@ -26,7 +26,7 @@ pub struct Suite {
     /// Write into a folder that is not empty.
     #[arg(long)]
     force: bool,
-    /// Threads; the result does not depend on them.
+    /// Threads; the result does not depend on them. A suite with perturbations has so many sequences in memory and one.
     #[arg(long, value_name = "N", default_value = "2", value_parser = clap::value_parser!(u16).range(1..=256))]
     threads: u16,
     /// Print JSON.

@@ -1,8 +1,9 @@
 //! Running a suite.
 
+use super::perturbed::{PerturbedCell, judge_log};
 use super::source::Library;
 use super::spec::{Configuration, Quantity, Sequence, Suite};
-use super::table;
+use super::{perturbed_table, table};
 use crate::progress::{self, Progress};
 use anyhow::Context as _;
 use replayer::eval::{Coverage, EvalOptions, Trajectory, evaluate};
@@ -32,8 +33,10 @@ pub struct SequenceReport {
     pub name: String,
     /// Why it did not run, when it is not on this machine.
     pub missing: Option<String>,
-    /// One entry a configuration, in the suite's order; none for a missing sequence.
+    /// One entry a configuration, in the suite's order; none for a missing sequence, or in a suite with perturbations.
     pub runs: Vec<Cell>,
+    /// One entry a configuration and perturbation, in the suite's order; none in a suite without perturbations.
+    pub perturbed: Vec<PerturbedCell>,
 }
 
 /// One sequence with one configuration.
@@ -87,11 +90,13 @@ impl Done {
 }
 
 impl SuiteReport {
-    /// Whether every sequence that is there was judged with every configuration, and at least one was.
+    /// Whether every sequence that is there was judged with every configuration (and perturbation), and at least one was.
     #[must_use]
     pub fn complete(&self) -> bool {
-        let mut runs = self.sequences.iter().flat_map(|s| &s.runs).peekable();
-        runs.peek().is_some() && runs.all(|cell| matches!(cell.done, Done::Judged { .. }))
+        let runs = self.sequences.iter().flat_map(|s| &s.runs).map(|cell| matches!(cell.done, Done::Judged { .. }));
+        let perturbed = self.sequences.iter().flat_map(|s| &s.perturbed).map(|cell| cell.judged().is_some());
+        let mut good = runs.chain(perturbed).peekable();
+        good.peek().is_some() && good.all(|good| good)
     }
 }
 
@@ -103,6 +108,7 @@ pub fn run(suite: &Suite, data: &Path, out: &Path, threads: usize, progress: Pro
     // All mistakes of the file come before hours of work.
     let configs = suite.config.iter().map(|c| Ok((c, c.resolve().with_context(|| format!("config {}", c.name))?)));
     let configs = configs.collect::<anyhow::Result<Vec<_>>>()?;
+    let perturbations = suite.perturbed()?;
     let logs = out.join("logs");
     std::fs::create_dir_all(&logs).with_context(|| format!("cannot make {}", logs.display()))?;
     let mut library = Library::new(data, logs, progress);
@@ -111,18 +117,27 @@ pub fn run(suite: &Suite, data: &Path, out: &Path, threads: usize, progress: Pro
         let name = sequence.name.clone();
         let place = library.provide(sequence).with_context(|| format!("sequence {name}"))?;
         let (missing, log) = place.map_or_else(|reason| (Some(reason), None), |log| (None, Some(log)));
-        let judged = log.iter().flat_map(|log| {
-            let runs = out.join("runs").join(&name);
-            configs.iter().map(move |config| (log, runs.clone(), config))
-        });
-        let runs = judged.map(|(log, runs, (spec, config))| {
-            let cell = judge(sequence, spec, config, log, &runs, threads, progress);
-            cell.with_context(|| format!("sequence {name}, config {}", spec.name))
-        });
-        let runs = runs.collect::<anyhow::Result<_>>()?;
-        sequences.push(SequenceReport { name, missing, runs });
+        let (mut runs, mut perturbed) = (Vec::new(), Vec::new());
+        match (&log, &perturbations) {
+            (None, _) => {}
+            (Some(log), Some(perturbations)) => {
+                let cells = judge_log(log, &configs, perturbations, threads, progress);
+                perturbed = cells.with_context(|| format!("sequence {name}"))?;
+            }
+            (Some(log), None) => {
+                let folder = out.join("runs").join(&name);
+                for (spec, config) in &configs {
+                    let cell = judge(sequence, spec, config, log, &folder, threads, progress);
+                    runs.push(cell.with_context(|| format!("sequence {name}, config {}", spec.name))?);
+                }
+            }
+        }
+        sequences.push(SequenceReport { name, missing, runs, perturbed });
     }
-    let tables = suite.table.iter().map(|table| table::markdown(suite, table, &sequences)).collect();
+    let tables = match perturbations {
+        Some(_) => perturbed_table::markdown(suite, &sequences),
+        None => suite.table.iter().map(|table| table::markdown(suite, table, &sequences)).collect(),
+    };
     Ok(SuiteReport { title: suite.title.clone(), folder: out.to_owned(), sequences, tables })
 }
 

@@ -75,6 +75,7 @@ impl<'a> Library<'a> {
 fn import(sequence: &Sequence, folder: &Path, data: &Path, log: &Path, progress: Progress) -> anyhow::Result<()> {
     let panoptic = sequence.panoptic.as_ref().map(|labels| PanopticSource::new(&data.join(labels)));
     let options = TumOptions {
+        camera: sequence.camera()?,
         depth_units_per_metre: sequence.depth_scale.clone(),
         // Labels of a data set are made by its user; without them the sequence still runs, everything unknown.
         panoptic: panoptic.filter(|labels| labels.dir.exists()).into_iter().collect(),

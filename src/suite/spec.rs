@@ -2,7 +2,10 @@
 
 use super::Degrade;
 use crate::Usage;
+use recorder::import::CameraSource;
 use replayer::eval::Alignment;
+use replayer::robust::Perturbation;
+use schemas::calibration::Preset;
 use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -23,7 +26,11 @@ pub struct Suite {
     /// Figures of other systems.
     #[serde(default)]
     pub published: Vec<Published>,
-    /// The tables to print.
+    /// Names of what is done to every sequence with every configuration, or `all`; the tables are then those of
+    /// [`super::perturbed`], there are no run folders, and sequences are aligned as their sensor wants it.
+    pub perturbations: Option<Vec<String>>,
+    /// The tables to print; none with `perturbations`.
+    #[serde(default)]
     pub table: Vec<Table>,
 }
 
@@ -41,11 +48,13 @@ pub struct Sequence {
     pub panoptic: Option<PathBuf>,
     /// Value of one metre in the depth images of `tum`, as text; default: what the import finds.
     pub depth_scale: Option<String>,
+    /// Camera of `tum` by name, as `pslam import tum --preset`; default: what the import finds.
+    pub preset: Option<String>,
     /// A scenario of the synthetic world; rendered.
     pub synthetic: Option<String>,
     /// A way to make it harder.
     pub degrade: Option<Degrade>,
-    /// Alignment to the ground truth; default SE3.
+    /// Alignment to the ground truth; default SE3. Without effect on perturbed sequences.
     #[serde(default)]
     pub alignment: Alignment,
 }
@@ -125,12 +134,14 @@ impl Suite {
         let sequences = names("sequence", self.sequence.iter().map(|s| &s.name))?;
         let configs = names("config", self.config.iter().map(|c| &c.name))?;
         let systems: BTreeSet<_> = self.published.iter().map(|p| p.system.as_str()).collect();
-        for sequence in &self.sequence {
-            let sources = [sequence.log.is_some(), sequence.tum.is_some(), sequence.synthetic.is_some()];
-            if sources.iter().filter(|there| **there).count() != 1 {
-                let name = &sequence.name;
-                return Err(Usage(format!("sequence {name}: give exactly one of `log`, `tum` and `synthetic`")));
+        self.sequence.iter().try_for_each(Sequence::check)?;
+        self.perturbed()?;
+        match (self.perturbations.is_some(), self.table.is_empty()) {
+            (true, false) => {
+                return Err(Usage("a suite with `perturbations` has tables of its own: leave `table` out".to_owned()));
             }
+            (false, true) => return Err(Usage("the suite has no table".to_owned())),
+            _ => {}
         }
         for table in &self.table {
             let known = |kind: &str, wanted: &[String], known: &BTreeSet<&str>| {
@@ -142,6 +153,52 @@ impl Suite {
             known("published system", &table.published, &systems)?;
         }
         Ok(())
+    }
+}
+
+impl Suite {
+    /// What is done to every sequence, each once, in the order of the file; `None` for a suite of usual runs.
+    ///
+    /// # Errors
+    /// No name, or an unknown one.
+    pub fn perturbed(&self) -> Result<Option<Vec<Perturbation>>, Usage> {
+        let Some(names) = &self.perturbations else { return Ok(None) };
+        let mut found = Vec::new();
+        for name in names {
+            let more = match name.as_str() {
+                "all" => Perturbation::ALL.to_vec(),
+                _ => vec![name.parse().map_err(|error| Usage(format!("perturbations: {error}, or all")))?],
+            };
+            found.extend(more);
+        }
+        let mut seen = BTreeSet::new();
+        found.retain(|perturbation| seen.insert(*perturbation));
+        if found.is_empty() { Err(Usage("perturbations: name one, or all".to_owned())) } else { Ok(Some(found)) }
+    }
+}
+
+impl Sequence {
+    fn check(&self) -> Result<(), Usage> {
+        let name = &self.name;
+        let sources = [self.log.is_some(), self.tum.is_some(), self.synthetic.is_some()];
+        if sources.iter().filter(|there| **there).count() != 1 {
+            return Err(Usage(format!("sequence {name}: give exactly one of `log`, `tum` and `synthetic`")));
+        }
+        if self.preset.is_some() && self.tum.is_none() {
+            return Err(Usage(format!("sequence {name}: `preset` is the camera of a `tum` folder")));
+        }
+        self.camera().map(drop)
+    }
+
+    /// Where the camera of a `tum` folder comes from.
+    ///
+    /// # Errors
+    /// An unknown preset.
+    pub fn camera(&self) -> Result<CameraSource, Usage> {
+        let Some(preset) = &self.preset else { return Ok(CameraSource::Auto) };
+        let known = Preset::ALL.map(|(name, _)| name).join(", ");
+        let message = || Usage(format!("sequence {}: no camera preset `{preset}`; choose {known}", self.name));
+        Preset::by_name(preset).map(CameraSource::Preset).ok_or_else(message)
     }
 }
 
@@ -201,9 +258,35 @@ mod tests {
             ("value = 'ate_m'", "value = 'ate_m'\nconfigs = ['other']", "no config `other`"),
             ("value = 'ate_m'", "value = 'speed'", "unknown variant"),
             ("title = 't'", "title = 't'\nhue = 3", "unknown field"),
+            ("[[table]]\ntitle = 'x'\nvalue = 'ate_m'\n", "", "no table"),
+            ("title = 't'", "title = 't'\nperturbations = ['all']", "leave `table` out"),
+            ("log = 'a.mcap'", "log = 'a.mcap'\npreset = 'bonn'", "`tum` folder"),
+            ("log = 'a.mcap'", "tum = 'a'\npreset = 'kinect'", "choose freiburg1"),
         ] {
             let error = format!("{:#}", Suite::parse(&good.replace(from, to)).unwrap_err());
             assert!(error.contains(word), "{to}: {error}");
         }
+    }
+
+    #[test]
+    fn perturbations_are_names_or_all() {
+        let suite = |names: &str| {
+            Suite::parse(&format!(
+                "title = 't'\nperturbations = {names}\nconfig = [{{ name = 'full' }}]\n\
+                 sequence = [{{ name = 's', log = 'a.mcap' }}]\n"
+            ))
+        };
+        let perturbed = |names| suite(names).unwrap().perturbed().unwrap().unwrap();
+        assert_eq!(perturbed("['all']"), Perturbation::ALL);
+        assert_eq!(perturbed("['mirrored', 'start-7']"), [Perturbation::Mirrored, Perturbation::Start(7)]);
+        let all = perturbed("['mirrored', 'all', 'all']");
+        assert_eq!((all.len(), all[0]), (Perturbation::ALL.len(), Perturbation::Mirrored), "each once");
+        for (names, word) in [("[]", "name one"), ("['upside-down']", "every-second"), ("['upside-down']", "or all")] {
+            let error = format!("{:#}", suite(names).unwrap_err());
+            assert!(error.contains(word), "{names}: {error}");
+        }
+        let usual = "title = 't'\nconfig = [{ name = 'full' }]\nsequence = [{ name = 's', log = 'a' }]\n\
+                     table = [{ title = 'x', value = 'ate_m' }]\n";
+        assert_eq!(Suite::parse(usual).unwrap().perturbed().unwrap(), None);
     }
 }

@@ -72,7 +72,8 @@ fn number(shown: f64, value: Quantity) -> String {
     }
 }
 
-fn aligned(rows: &[Vec<String>]) -> String {
+/// Rows of equal length, the first one a heading; all but the first column flush right.
+pub(super) fn aligned(rows: &[Vec<String>]) -> String {
     let columns = rows.first().map_or(0, Vec::len);
     let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).fold(3, usize::max);
     let widths: Vec<usize> = (0..columns).map(width).collect();
@@ -116,12 +117,19 @@ mod tests {
                 name: "a".into(),
                 missing: None,
                 runs: vec![cell("full", judged(0.0123, 100)), cell("none", judged(0.5, 80))],
+                perturbed: vec![],
             },
-            SequenceReport { name: "b".into(), missing: Some("b is not there".into()), runs: vec![] },
+            SequenceReport {
+                name: "b".into(),
+                missing: Some("b is not there".into()),
+                runs: vec![],
+                perturbed: vec![],
+            },
             SequenceReport {
                 name: "c".into(),
                 missing: None,
                 runs: vec![cell("full", failed.clone()), cell("none", failed)],
+                perturbed: vec![],
             },
         ];
         let expected = "\

@@ -116,6 +116,12 @@ title = 'Errors'
 value = 'ate_m'
 published = ['Other']
 ";
+const PERTURBED: &str = "\
+title = 'Test'
+perturbations = ['as-recorded']
+config = [{ name = 'full' }]
+sequence = [{ name = 'room', log = 'a.mcap' }]
+";
 const CAMERA: &str =
     r#"{"camera": "pinhole", "width": 16, "height": 12, "fx": 20, "fy": 20, "cx": 8, "cy": 6, "depth_scale": 5000}"#;
 const RECORD: [&str; 9] =
@@ -153,11 +159,13 @@ fn cases(folder: &Path) -> Vec<String> {
     let [piece, edited, redacted] = ["piece.mcap", "edited.mcap", "redacted.mcap"].map(path);
     let [exported, again, card] = ["exported", "again.mcap", "card"].map(path);
     let [suite, suite_out] = ["suite.toml", "suite"].map(path);
+    let [perturbed, perturbed_out] = ["perturbed.toml", "perturbed"].map(path);
     let [masks, small_masks, labelled] = ["masks", "small_masks", "labelled.mcap"].map(path);
     write_masks(Path::new(&masks), (320, 240), 12);
     write_masks(Path::new(&small_masks), (160, 120), 90);
     write_tum(Path::new(&tum));
     fs::write(&suite, SUITE).unwrap();
+    fs::write(&perturbed, PERTURBED).unwrap();
     let commands: Vec<Vec<&str>> = vec![
         vec!["info", &log],
         vec!["check", &log],
@@ -172,6 +180,7 @@ fn cases(folder: &Path) -> Vec<String> {
         vec!["report", &run, "-o", &page],
         vec!["bench", &log],
         vec!["suite", &suite, "-o", &suite_out],
+        vec!["suite", &perturbed, "-o", &perturbed_out],
         vec!["import", "tum", &tum, "-o", &imported],
         vec!["export", "png", &log, "-o", &exported],
         vec!["import", "png", &exported, "-o", &again],

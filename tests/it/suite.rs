@@ -56,3 +56,56 @@ fn nothing_to_run_is_no_success() {
     let missing = pslam(&["suite", "no-such-suite.toml", "-o", text(&out)]);
     assert!(String::from_utf8_lossy(&missing.stderr).contains("no-such-suite.toml"));
 }
+
+const PERTURBED: &str = "\
+title = 'Perturbed'
+perturbations = ['mirrored', 'no-masks']
+config = [{ name = 'full' }, { name = 'none', preset = 'none' }]
+[[sequence]]
+name = 'room'
+log = 'room.mcap'
+[[sequence]]
+name = 'elsewhere'
+log = 'elsewhere.mcap'
+";
+
+#[test]
+fn a_perturbed_suite_says_how_far_results_spread() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("suite.toml");
+    fs::write(&file, PERTURBED).unwrap();
+    write_log(&small_world(24), &folder.path().join("room.mcap"), &mut |_| {});
+    let results = ["1", "3"].map(|threads| {
+        let out = folder.path().join(threads);
+        pslam_exits(0, &["suite", text(&file), "-o", text(&out), "--threads", threads]);
+        let report: Value = serde_json::from_slice(&fs::read(out.join("suite.json")).unwrap()).unwrap();
+        assert!(!out.join("runs").exists(), "nothing is written but the result");
+        (report["sequences"].clone(), report["tables"].clone(), fs::read_to_string(out.join("tables.md")).unwrap())
+    });
+    let [(sequences, tables, page), (again, _, _)] = results;
+    assert_eq!(sequences, again, "threads change nothing");
+    let cells = sequences[0]["perturbed"].as_array().unwrap();
+    let named = cells.iter().map(|cell| ["config", "perturbation"].map(|key| cell[key].as_str().unwrap()));
+    let all = [["full", "mirrored"], ["full", "no-masks"], ["none", "mirrored"], ["none", "no-masks"]];
+    assert_eq!(named.collect::<Vec<_>>(), all);
+    for cell in cells {
+        assert_eq!((cell["outcome"].as_str(), cell["frames"].as_u64()), (Some("judged"), Some(24)), "{cell}");
+        assert!(cell["error_m"]["rmse"].as_f64().unwrap() < 0.05, "{cell}");
+    }
+    assert!(sequences[1]["missing"].as_str().unwrap().contains("elsewhere.mcap is not there"));
+    assert_eq!(tables.as_array().unwrap().len(), 3, "one a configuration, and the comparison");
+    for words in ["## Perturbed: full", "## Perturbed: none", "| most lost | ", "| room ", "## Where full does worse"] {
+        assert!(page.contains(words), "{words}\n{page}");
+    }
+}
+
+#[test]
+fn an_unknown_perturbation_is_refused_with_the_known_ones() {
+    let folder = tempfile::tempdir().unwrap();
+    let (file, out) = (folder.path().join("suite.toml"), folder.path().join("out"));
+    fs::write(&file, PERTURBED.replace("no-masks", "upside-down")).unwrap();
+    let refused = pslam(&["suite", text(&file), "-o", text(&out)]);
+    let message = String::from_utf8_lossy(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(2), "{message}");
+    assert!(message.contains("upside-down") && message.contains("masks-late") && message.contains("all"), "{message}");
+}

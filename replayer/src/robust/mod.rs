@@ -4,12 +4,14 @@
 //! to find as it was; [`judge`] replays it and compares with the truth, which is changed alike.
 
 mod labels;
+mod parallel;
 mod perturbation;
 mod sequence;
 
 use serde::Serialize;
 use slam::Config;
 
+pub use parallel::{Verdict, judge_all};
 pub use perturbation::Perturbation;
 pub use sequence::Sequence;
 
@@ -34,23 +36,32 @@ pub struct Judged {
     pub unrefined_m: Statistics,
 }
 
+/// Why a sequence has no errors.
+#[derive(Debug, thiserror::Error)]
+pub enum JudgeError {
+    /// It cannot be replayed.
+    #[error(transparent)]
+    Run(#[from] RunError),
+    /// Too little is left to compare.
+    #[error(transparent)]
+    Eval(#[from] EvalError),
+}
+
 /// Replays a sequence and compares its trajectories with the truth: positions after alignment, or around their mean where the
 /// camera stands still.
 ///
 /// # Errors
 /// As a replay, or when too few poses are left to compare.
-pub fn judge(sequence: &Sequence, config: &Config, threads: usize) -> Result<Result<Judged, EvalError>, RunError> {
+pub fn judge(sequence: &Sequence, config: &Config, threads: usize) -> Result<Judged, JudgeError> {
     let done = replay_frames(&sequence.frames, &sequence.setup, config, threads)?;
     let error = |path: &Trajectory| error_of(&sequence.truth, path, sequence.alignment());
-    Ok(error(&done.trajectory).and_then(|error_m| {
-        Ok(Judged {
-            frames: sequence.frames.len(),
-            tracked: done.result.in_trajectory,
-            error_m,
-            online_m: error(&done.online)?,
-            unrefined_m: error(&done.unrefined)?,
-        })
-    }))
+    Ok(Judged {
+        frames: sequence.frames.len(),
+        tracked: done.result.in_trajectory,
+        error_m: error(&done.trajectory)?,
+        online_m: error(&done.online)?,
+        unrefined_m: error(&done.unrefined)?,
+    })
 }
 
 fn error_of(truth: &Trajectory, path: &Trajectory, alignment: Alignment) -> Result<Statistics, EvalError> {
@@ -65,8 +76,9 @@ fn error_of(truth: &Trajectory, path: &Trajectory, alignment: Alignment) -> Resu
     Statistics::of(&from_mean).ok_or(EvalError::Degenerate { pairs: path.poses.len() })
 }
 
+/// Without truth nobody knows.
 fn is_still(truth: &Trajectory) -> bool {
-    let Some(first) = truth.poses.first() else { return true };
+    let Some(first) = truth.poses.first() else { return false };
     let start = first.world_from_camera.translation;
     truth.poses.iter().all(|pose| (pose.world_from_camera.translation - start).norm() < STILL_M)
 }

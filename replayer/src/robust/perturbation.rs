@@ -87,8 +87,8 @@ impl Perturbation {
         config
     }
 
-    /// The sequence to replay; `None` where it makes no sense: a mirror swaps the cameras of a stereo pair, and where no masks
-    /// are none can be spoilt.
+    /// The sequence to replay; `None` where it makes no sense: a mirror swaps the cameras of a stereo pair, where no masks are
+    /// none can be spoilt, and a sequence that ends before it begins has no frames.
     #[must_use]
     pub fn apply(self, sequence: &Sequence) -> Option<Sequence> {
         if self == Self::Mirrored && matches!(sequence.setup.sensor, Sensor::Stereo { .. })
@@ -128,7 +128,7 @@ impl Perturbation {
         for (i, frame) in changed.frames.iter_mut().enumerate() {
             frame.id = FrameId::from(i);
         }
-        Some(changed)
+        (!changed.frames.is_empty()).then_some(changed)
     }
 }
 
