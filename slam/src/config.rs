@@ -3,7 +3,6 @@
 
 use serde::{Deserialize, Serialize};
 use slam_math::float;
-use slam_vision::OrbConfig;
 
 /// The defaults with their documentation, as `pslam config` prints them.
 pub const DEFAULT_TOML: &str = include_str!("default.toml");
@@ -48,8 +47,11 @@ macro_rules! sections {
     )*};
 }
 
+mod features;
+mod offline;
 mod sensors;
 
+pub use offline::FinalConfig;
 pub use sensors::{MonocularConfig, SensorChoice, SensorConfig, StereoConfig};
 
 sections! {
@@ -259,26 +261,6 @@ sections! {
         global_iterations: u32,
     }
 
-    /// After the last frame.
-    FinalConfig {
-        /// Find the whole path again in the whole map.
-        enabled: bool,
-        /// Iterations of bundle adjustment in a round at most.
-        iterations: u32,
-        /// Rounds of bundle adjustment, each with the observations that fit by then.
-        rounds: u32,
-        /// Factors on the information of measured depth to try, ascending.
-        depth_weights: Vec<f64>,
-        /// Share by which pixels may fit worse than under the best of them.
-        depth_slack: f64,
-        /// Frames whose matches are remembered, the newest.
-        max_frames: usize,
-        /// Matches remembered of a frame.
-        max_matches: usize,
-        /// Matches, and inliers among them, that a frame's new pose needs.
-        min_inliers: usize,
-    }
-
     /// The panoptic filter.
     PanopticConfig {
         /// Filter people a priori.
@@ -462,7 +444,7 @@ impl Config {
     }
 
     fn validate(&self) -> Result<(), ConfigError> {
-        let (positive, f) = ("numbers greater than 0", &self.r#final);
+        let positive = "numbers greater than 0";
         let checks = [
             ("sensor.bf", self.sensor.bf, self.sensor.bf > 0.0, positive),
             ("sensor.close_baselines", self.sensor.close_baselines, self.sensor.close_baselines > 0.0, positive),
@@ -510,37 +492,10 @@ impl Config {
                 self.panoptic.motion.history_frames.iter().all(|age| (1..=300).contains(age)),
                 "ages of 1 to 300 frames",
             ),
-            ("final.iterations", f64::from(f.iterations), (1..=1000).contains(&f.iterations), "1 to 1000"),
-            ("final.rounds", f64::from(f.rounds), (1..=100).contains(&f.rounds), "1 to 100"),
-            (
-                "final.depth_weights",
-                f.depth_weights.len() as f64,
-                !f.depth_weights.is_empty() && f.depth_weights.iter().all(|w| *w > 0.0 && *w <= 1e6),
-                "at least one factor, all in (0, 1000000]",
-            ),
-            ("final.depth_slack", f.depth_slack, (0.0..=1.0).contains(&f.depth_slack), "0 to 1"),
-            ("final.max_frames", f.max_frames as f64, f.max_frames <= 10_000_000, "0 to 10000000"),
-            ("final.max_matches", f.max_matches as f64, f.max_matches <= 65_535, "0 to 65535"),
-            ("final.min_inliers", f.min_inliers as f64, f.min_inliers >= 6, "numbers from 6"),
         ];
-        match checks.iter().find(|(_, _, ok, _)| !ok) {
+        match checks.iter().chain(&self.r#final.checks()).find(|(_, _, ok, _)| !ok) {
             Some((key, value, _, range)) => Err(ConfigError::Range { key, value: *value, range }),
             None => Ok(()),
-        }
-    }
-}
-
-impl OrbSection {
-    /// The extractor's configuration.
-    #[must_use]
-    pub fn to_extractor(&self) -> OrbConfig {
-        OrbConfig {
-            features: self.features,
-            scale_factor: self.scale_factor,
-            levels: self.levels,
-            fast_threshold: self.fast_threshold,
-            fast_threshold_min: self.fast_threshold_min,
-            ..OrbConfig::default()
         }
     }
 }

@@ -117,7 +117,7 @@ pub fn look_up(
     if !(0..frame.obs.len()).any(&wanted) {
         return found;
     }
-    let mut local = LocalMap { points: local.points.clone(), ..LocalMap::default() };
+    let mut local = LocalMap { reference: None, points: local.points.clone(), in_view: ctx.buffers.empty() };
     local.points.retain(|id| admits(*id));
     let queries = local.find_in_view(ctx, map, frame);
     let limits = Limits { hamming: ctx.config.tracking.hamming_high, ratio: ctx.config.tracking.ratio };

@@ -156,10 +156,10 @@ fn a_person_missed_in_a_frame_is_not_let_in() {
     assert_eq!(seen.states(), [Person]);
     assert_eq!(seen.in_the_middle(), [Verdict::Person]);
     let unclaimed = film.show(&[Board { label: None, ..person }]);
-    assert_eq!(unclaimed.in_the_middle(), [Verdict::UnknownDynamic]);
+    assert_eq!(unclaimed.in_the_middle(), [Verdict::UnknownNew]);
     assert_eq!(film.show(&[person]).in_the_middle(), [Verdict::Person]);
     let as_thing = film.show(&[Board { label: Some((7, SUITCASE)), ..person }]);
-    assert_eq!(as_thing.in_the_middle(), [Verdict::ThingDynamic]);
+    assert_eq!(as_thing.in_the_middle(), [Verdict::ThingNew]);
     film.show(&[person]);
     let as_background = film.show(&[Board { label: Some((7, SHELF)), ..person }]);
     assert_eq!(as_background.in_the_middle(), [Verdict::Border], "the place stays suspect for some frames");

@@ -48,7 +48,7 @@ fn half_of_the_window_must_be_measured() {
 #[test]
 fn only_trusted_depths_count() {
     let sensor = sensor();
-    for (units, expected) in [(0, None), (199, None), (200, Some(0.2)), (8000, Some(8.0)), (8001, None)] {
+    for (units, expected) in [(0, None), (199, None), (200, Some(0.2)), (10_000, Some(10.0)), (10_001, None)] {
         assert_eq!(read([100.0, 100.0], &sensor, |_, _| units), expected);
     }
 }
