@@ -65,6 +65,8 @@ sections! {
         min_weight: u32,
         /// Neighbours for triangulation.
         neighbours: usize,
+        /// Share of the reference keyframe's points below which a keyframe is due.
+        tracked_share: f64,
     }
 }
 

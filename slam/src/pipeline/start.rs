@@ -12,8 +12,9 @@ use crate::tracking::{Start, TwoViews, offer_view};
 impl Step<'_> {
     /// Starts a map at this frame, if it allows.
     pub(super) fn initialize(&mut self, filter: &FrameFilter) -> bool {
-        // Nothing has been judged yet, so nothing is condemned: the map begins with all but people.
-        self.selection = Selection::WithUnconfirmed;
+        // Nothing has been judged yet, so nothing is condemned: the map begins with all but people. Without depth a mover would be
+        // part of the geometry that everything else hangs on.
+        self.selection = if self.ctx.is_monocular() { Selection::Static } else { Selection::WithUnconfirmed };
         self.frame.usable = filter.admitted(&self.ctx, self.selection);
         // No keyframe while local mapping is at work: neither expects the other.
         let may_start = self.slam.schedule.is_idle(JobKind::Mapping);

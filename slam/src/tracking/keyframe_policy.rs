@@ -42,7 +42,8 @@ pub fn keyframe_needed(
     let need_close = few_tracked && close - tracked > k.min_close_untracked as usize;
 
     let since = frame.id.0.saturating_sub(last_keyframe.0);
-    let share = if keyframes < 2 { k.tracked_share_start } else { k.tracked_share };
+    let usual = if ctx.is_monocular() { ctx.config.monocular.tracked_share } else { k.tracked_share };
+    let share = if keyframes < 2 { k.tracked_share_start } else { usual };
     let changed = f64::from(inliers) < share * in_reference as f64;
     if since < k.min_interval || inliers <= MIN_INLIERS {
         return None;

@@ -219,7 +219,8 @@ impl OrbExtractor {
         let part = |corner: &Corner| (parts.of_pixel)(to_base(corner));
         let is_sure = |corner: &Corner| corner.score >= self.config.fast_threshold && part(corner) == Part::Preferred;
         let [preferred, others] = &mut workspace.groups;
-        (preferred.clear(), others.clear());
+        preferred.clear();
+        others.clear();
         workspace.corners.retain(|corner| part(corner) != Part::Useless);
         for corner in &workspace.corners {
             if is_sure(corner) { preferred.push(*corner) } else { others.push(*corner) }
