@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 pub struct SuiteReport {
     /// Heading.
     pub title: String,
-    /// Folder with the logs and runs.
+    /// Folder with the logs and, without perturbations, runs.
     pub folder: PathBuf,
     /// One entry a sequence, in the suite's order.
     pub sequences: Vec<SequenceReport>,
@@ -204,6 +204,7 @@ impl fmt::Display for SuiteReport {
                 }
             }
         }
-        writeln!(f, "\nLogs and runs are in {}.", self.folder.display())
+        let what = if self.sequences.iter().all(|s| s.perturbed.is_empty()) { "Logs and runs" } else { "Logs" };
+        writeln!(f, "\n{what} are in {}.", self.folder.display())
     }
 }
