@@ -477,7 +477,8 @@ impl Config {
                 "ages of 1 to 300 frames",
             ),
         ];
-        match checks.iter().chain(&self.r#final.checks()).find(|(_, _, ok, _)| !ok) {
+        let (last, consensus) = (self.r#final.checks(), self.panoptic.consensus.checks());
+        match checks.iter().chain(&last).chain(&consensus).find(|(_, _, ok, _)| !ok) {
             Some((key, value, _, range)) => Err(ConfigError::Range { key, value: *value, range }),
             None => Ok(()),
         }

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::offline::Check;
+
 sections! {
     /// Regions against the background by matched map points.
     ConsensusConfig {
@@ -19,5 +21,19 @@ sections! {
         rotation_rad: f64,
         /// Frames in a row from which a region that disagrees moves.
         frames: u32,
+    }
+}
+
+impl ConsensusConfig {
+    pub(super) fn checks(&self) -> [Check; 4] {
+        let c = self;
+        let share = "0 to 1";
+        let within = |v: f64| (0.0..=1.0).contains(&v);
+        [
+            ("panoptic.consensus.min_inlier_share", c.min_inlier_share, within(c.min_inlier_share), share),
+            ("panoptic.consensus.max_chi2", c.max_chi2, c.max_chi2 > 0.0, "numbers greater than 0"),
+            ("panoptic.consensus.position_share", c.position_share, within(c.position_share), share),
+            ("panoptic.consensus.rotation_rad", c.rotation_rad, within(c.rotation_rad), share),
+        ]
     }
 }
