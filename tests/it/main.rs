@@ -16,6 +16,7 @@ mod record_faults;
 mod record_share;
 mod repo_lint;
 mod report;
+mod rooms;
 mod share;
 mod sim;
 mod state;

@@ -41,12 +41,13 @@ pub const SMALL_CAMERA: Intrinsics =
 /// The demo's room and cast at a quarter of the pixels, `frame_count` frames at 30 Hz, the camera as slow as in the demo.
 pub fn small_world(frame_count: u32) -> WorldConfig {
     let demo = fixtures::scenario::demo();
-    slowed(WorldConfig { camera: SMALL_CAMERA, texels_per_metre: 160.0, frame_count, ..demo })
+    beginning(WorldConfig { camera: SMALL_CAMERA, texels_per_metre: 160.0, ..demo }, frame_count)
 }
 
-/// The camera's curve has whole cycles a sequence: a shorter sequence gets a smaller curve.
-fn slowed(mut world: WorldConfig) -> WorldConfig {
-    let share = f64::from(world.frame_count) / f64::from(fixtures::scenario::demo().frame_count);
+/// The beginning of a world. The camera's curve has whole cycles a sequence: a shorter sequence gets a smaller curve.
+pub fn beginning(mut world: WorldConfig, frame_count: u32) -> WorldConfig {
+    let share = f64::from(frame_count) / f64::from(world.frame_count);
+    world.frame_count = frame_count;
     let path = &mut world.camera_path;
     path.amplitude_m.iter_mut().chain(&mut path.look_amplitude_m).for_each(|metres| *metres *= share);
     path.sway_m *= share;
