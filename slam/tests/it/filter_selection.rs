@@ -24,6 +24,7 @@ fn frame() -> FrameFilter {
         memory: Buffer::default(),
         epipolar: None,
         epipolar_px: vec![f64::NAN; n].into(),
+        in_free_space: Buffer::default(),
         vouched: Buffer::default(),
         disagrees: Buffer::default(),
     }
