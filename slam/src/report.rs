@@ -32,6 +32,15 @@ pub enum KeypointClass {
     Person,
 }
 
+impl KeypointClass {
+    /// What a point lies on that is seen as both: not on the background unless both say so, since a label's border is where views
+    /// disagree. Of two others the first.
+    #[must_use]
+    pub fn joined(self, other: Self) -> Self {
+        if self == Self::Stuff { other } else { self }
+    }
+}
+
 /// What the panoptic filter decided about a keypoint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]

@@ -19,7 +19,7 @@ pub struct NewPoint {
     pub index: u32,
     /// Frame of creation.
     pub frame: FrameId,
-    /// What the keypoint lies on.
+    /// What the keypoints lie on that it is made of.
     pub class: KeypointClass,
 }
 

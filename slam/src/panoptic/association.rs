@@ -278,6 +278,51 @@ mod tests {
     }
 
     #[test]
+    fn disagreement_in_a_row_moves_any_region_and_silence_does_not_break_it() {
+        use RegionState::{Dynamic, New, Static};
+        // `panoptic.consensus.frames` is 3.
+        for state in [New, Static] {
+            let votes = [Vote::Disagrees, Vote::Silent, Vote::Disagrees, Vote::Disagrees];
+            assert_eq!(states(track(state), &votes), [state, state, state, Dynamic]);
+        }
+        let votes = [Vote::Disagrees, Vote::Disagrees, Vote::Static, Vote::Disagrees, Vote::Disagrees];
+        assert!(states(track(Static), &votes).iter().all(|s| *s == Static), "agreement in between breaks it");
+    }
+
+    #[test]
+    fn a_mover_that_disagrees_begins_anew_to_come_back() {
+        let mut votes = vec![Vote::Static; 29];
+        votes.push(Vote::Disagrees);
+        votes.extend([Vote::Static; 30]);
+        let all = states(track(RegionState::Dynamic), &votes);
+        assert_eq!(all.iter().position(|s| *s == RegionState::Static), Some(59));
+    }
+
+    #[test]
+    fn what_is_vouched_for_is_confirmed_at_once_and_comes_back_soon() {
+        use RegionState::{Dynamic, New, Static};
+        assert_eq!(states(track(New), &[Vote::Vouched]), [Static]);
+        let come_back = [Vote::Vouched; VOUCHED_FRAMES as usize];
+        assert_eq!(states(track(Dynamic), &come_back), [Dynamic, Dynamic, Dynamic, Dynamic, Static]);
+        let broken = [Vote::Vouched, Vote::Vouched, Vote::Vouched, Vote::Vouched, Vote::Disagrees, Vote::Vouched];
+        assert!(states(track(Dynamic), &broken).iter().all(|s| *s == Dynamic));
+        assert_eq!(states(track(RegionState::Person), &[Vote::Vouched]), [RegionState::Person]);
+    }
+
+    #[test]
+    fn who_is_vouched_for_is_no_longer_under_suspicion() {
+        use RegionState::Static;
+        for accuses in [Vote::Dynamic, Vote::Disagrees] {
+            let config = Config::default().panoptic;
+            let enough = if accuses == Vote::Dynamic { config.motion.suspect_frames } else { config.consensus.frames };
+            let mut votes = vec![accuses; enough as usize - 1];
+            votes.push(Vote::Vouched);
+            votes.push(accuses);
+            assert!(states(track(Static), &votes).iter().all(|s| *s == Static), "{accuses:?}");
+        }
+    }
+
+    #[test]
     fn people_stay_people() {
         let votes = [Vote::Static; 40];
         assert!(states(track(RegionState::Person), &votes).iter().all(|s| *s == RegionState::Person));

@@ -289,3 +289,6 @@ fn should_show(ctx: &Context, input: &FrameInput, filter: &FrameFilter, pixel: [
     let margin = ctx.free_space_margin(z);
     depth.metres(round_to_pixel(raw[0]), round_to_pixel(raw[1])).is_some_and(|measured| measured >= z - margin)
 }
+
+#[cfg(test)]
+mod tests;

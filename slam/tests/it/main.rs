@@ -3,11 +3,13 @@
 #![allow(clippy::unwrap_used, missing_docs)] // a test may panic, and has no readers of its documentation
 
 mod config;
+mod consensus;
 mod corridor;
 mod filter;
 mod filter_selection;
 mod ground;
 mod jobs;
+mod judgement;
 mod joining;
 mod loops;
 mod loss;

@@ -1,0 +1,184 @@
+//! Whether a region moves as the background does, by matched map points: what is condemned, and what is not.
+
+use nalgebra::Vector3;
+use slam::Config;
+use slam::context::Context;
+use slam::observation::Observation;
+use slam::panoptic::{Consensus, FrameFilter, Matched, Region, RegionKind, Regions, consensus};
+use slam::report::KeypointClass;
+use slam_math::{Rng, Se3};
+use slam_vision::KeypointGrid;
+
+use crate::support::{camera, context, descriptor, observation, on_background};
+
+/// Pyramid level of all keypoints: so coarse that a few pixels are noise.
+const OCTAVE: u8 = 4;
+/// Noise on that level, pixels.
+const SIGMA_PX: f64 = 1.4;
+/// Keypoints on the region.
+const ON_REGION: u32 = 48;
+
+/// A picture of one region before a background. The camera stands at the world's origin.
+#[derive(Clone, Copy)]
+struct Picture {
+    seed: u32,
+    background: u32,
+    /// Where the background is: its middle and half its size, metres.
+    around: ([f64; 3], [f64; 3]),
+    /// How far the region has gone since its points were mapped, metres.
+    motion_m: [f64; 3],
+    /// How many of the region's matches are wrong, and by how much at most, pixels.
+    mismatches: u32,
+    off_px: f64,
+}
+
+/// A room all around, and a region that stands still.
+const ROOM: Picture = Picture {
+    seed: 0,
+    background: 150,
+    around: ([0.0, 0.0, 2.5], [1.2, 0.9, 1.0]),
+    motion_m: [0.0; 3],
+    mismatches: 0,
+    off_px: 30.0,
+};
+
+/// Where a region goes that moves slowly: 25 mm to the side, 3 pixels at 2 m.
+const SLOWLY: [f64; 3] = [0.025, 0.0, 0.0];
+
+impl Picture {
+    /// Points in the world, and where they are seen: those of the background first.
+    fn points(&self, rng: &mut Rng) -> Vec<(Vector3<f64>, [f64; 2])> {
+        let k = camera();
+        let mut noise = |sigma: f64| sigma * rng.normal();
+        let seen = |point: Vector3<f64>, noise: [f64; 2]| {
+            let pixel = [k.fx * point[0] / point[2] + k.cx, k.fy * point[1] / point[2] + k.cy];
+            [pixel[0] + noise[0], pixel[1] + noise[1]]
+        };
+        let mut place = Rng::at(self.seed, 1, 0, 0);
+        let mut within = |(middle, half): ([f64; 3], [f64; 3])| {
+            Vector3::from_fn(|axis, _| middle[axis] + half[axis] * (2.0 * place.uniform() - 1.0))
+        };
+        let mut points = Vec::new();
+        for _ in 0..self.background {
+            let point = within(self.around);
+            points.push((point, seen(point, [noise(SIGMA_PX), noise(SIGMA_PX)])));
+        }
+        for i in 0..ON_REGION {
+            let point = within(([0.1, 0.0, 2.0], [0.3, 0.3, 0.1]));
+            let mut off = [noise(SIGMA_PX), noise(SIGMA_PX)];
+            if i < self.mismatches {
+                let mut place = Rng::at(self.seed, 2, i, 0);
+                off = [(); 2].map(|()| self.off_px * (2.0 * place.uniform() - 1.0));
+            }
+            points.push((point, seen(point + Vector3::from(self.motion_m), off)));
+        }
+        points
+    }
+
+    fn taken(&self) -> (Context, Observation, Vec<Matched>, FrameFilter) {
+        let ctx = context(&Config::default());
+        let points = self.points(&mut Rng::at(self.seed, 0, 0, 0));
+        let n = points.len();
+        let pixels: Vec<[f64; 2]> = points.iter().map(|(_, pixel)| *pixel).collect();
+        let descriptors: Vec<_> = (0..n as u32).map(|i| descriptor(0, i)).collect();
+        let grid = KeypointGrid::build(&pixels, &vec![OCTAVE; n], camera().undistorted_bounds(), &ctx.buffers);
+        let (octave, depth_m) = (vec![OCTAVE; n].into(), vec![0.0; n].into());
+        let obs = Observation { octave, depth_m, grid, ..observation(&pixels, &descriptors) };
+        let mut filter = on_background(n);
+        let (kind, extent) = (RegionKind::Thing, [0; 4]);
+        let region = Region { kind, segment: 1, category: 62, blind: false, cells: 1, extent };
+        filter.regions = Regions { list: vec![region].into(), ..Regions::default() };
+        for i in self.background as usize..n {
+            (filter.class[i], filter.region[i]) = (KeypointClass::Thing, Some(0));
+        }
+        let matches = points.iter().zip(0..).map(|((point, _), i)| (i, *point)).collect();
+        (ctx, obs, matches, filter)
+    }
+
+    fn judged(&self) -> Option<Consensus> {
+        let (ctx, obs, matches, filter) = self.taken();
+        consensus(&ctx, &obs, &matches, &Se3::identity(), &filter)
+    }
+
+    /// How many of so many pictures find that the region disagrees; `None` counts as no.
+    fn disagreeing(self, pictures: u32) -> usize {
+        let condemns = |seed: &u32| Self { seed: *seed, ..self }.judged().is_some_and(|found| found.disagrees[0]);
+        (0..pictures).filter(condemns).count()
+    }
+}
+
+#[test]
+fn a_region_that_stands_as_the_background_does_agrees() {
+    assert!(ROOM.judged().is_some(), "the background fixes a pose");
+    // The gate leaves one in ten thousand.
+    assert_eq!(ROOM.disagreeing(100), 0);
+}
+
+#[test]
+fn all_keypoints_together_show_a_slow_motion_that_none_of_them_shows() {
+    let slow = Picture { motion_m: SLOWLY, ..ROOM };
+    let (ctx, obs, matches, _) = slow.taken();
+    let fits = |(i, point): &&Matched| ctx.fits(&obs, *i as usize, point);
+    let single = matches.iter().skip(slow.background as usize).filter(fits).count();
+    assert!(single * 10 >= ON_REGION as usize * 7, "only {single} of {ON_REGION} would pass for still points");
+    assert_eq!(slow.disagreeing(100), 100);
+    // Straight away from the camera 25 mm are nothing to a keypoint without depth, a tenth of the distance is.
+    assert_eq!(Picture { motion_m: [0.0, 0.0, 0.2], ..ROOM }.disagreeing(100), 100);
+}
+
+#[test]
+fn the_pose_is_that_of_the_background_however_many_keypoints_move() {
+    let few = Picture { background: 20, motion_m: SLOWLY, ..ROOM };
+    for seed in 0..20 {
+        let found = Picture { seed, ..few }.judged().expect("twenty fix a pose");
+        let off_m = found.camera_from_world.translation.norm();
+        assert!(off_m < 0.02, "picture {seed}: {off_m} m");
+    }
+}
+
+#[test]
+fn a_background_that_fixes_the_pose_poorly_condemns_nothing() {
+    // A few points close together: where the camera stands is anybody's guess.
+    let corner = Picture { background: 16, around: ([-0.9, -0.6, 3.0], [0.06, 0.06, 0.02]), ..ROOM };
+    let moving = Picture { motion_m: SLOWLY, ..corner };
+    assert!(moving.judged().is_some(), "it is asked all the same");
+    assert_eq!(moving.disagreeing(100), 0);
+}
+
+#[test]
+fn too_little_background_is_not_asked() {
+    let least = Config::default().panoptic.consensus.min_background;
+    let moving = Picture { motion_m: SLOWLY, ..ROOM };
+    assert!(Picture { background: least - 1, ..moving }.judged().is_none());
+    assert!(Picture { background: least + 5, ..moving }.judged().is_some());
+}
+
+#[test]
+fn mismatches_are_no_motion() {
+    // Most are wrong: what is left agrees on nothing.
+    assert_eq!(Picture { mismatches: ON_REGION, ..ROOM }.disagreeing(100), 0);
+    assert_eq!(Picture { mismatches: ON_REGION * 3 / 5, ..ROOM }.disagreeing(100), 0);
+    // Some are wrong: the others stand still, and would show it if they did not.
+    assert_eq!(Picture { mismatches: ON_REGION / 4, ..ROOM }.disagreeing(100), 0);
+    assert_eq!(Picture { mismatches: ON_REGION / 4, motion_m: SLOWLY, ..ROOM }.disagreeing(100), 100);
+}
+
+#[test]
+fn a_few_matches_say_nothing_about_a_region() {
+    let (ctx, obs, mut matches, filter) = Picture { motion_m: [0.1, 0.0, 0.0], ..ROOM }.taken();
+    let least = ctx.config.panoptic.consensus.min_matches as usize;
+    let mut disagrees = |own: usize| {
+        matches.truncate(ROOM.background as usize + own);
+        consensus(&ctx, &obs, &matches, &Se3::identity(), &filter).unwrap().disagrees[0]
+    };
+    assert!(disagrees(ON_REGION as usize));
+    assert!(!disagrees(least - 1));
+}
+
+#[test]
+fn what_lies_on_ground_is_background_under_any_label() {
+    let (ctx, obs, matches, mut filter) = Picture { motion_m: SLOWLY, ..ROOM }.taken();
+    let region = ROOM.background as usize..obs.len();
+    region.for_each(|i| filter.keypoint_ground[i] = true);
+    assert!(!consensus(&ctx, &obs, &matches, &Se3::identity(), &filter).unwrap().disagrees[0], "nobody is asked");
+}
