@@ -115,6 +115,8 @@ pub struct KeypointReport {
     pub epipolar_px: f64,
     /// Residual under the static hypothesis in sigmas; NaN when it was not tested.
     pub motion_sigmas: f64,
+    /// Whether a map point lies on it that has stood still for long.
+    pub is_vouched: bool,
     /// The map point it is matched to after tracking.
     pub point: Option<MapPointId>,
 }
@@ -156,6 +158,10 @@ pub struct RegionReport {
     pub samples: u32,
     /// Keypoints tested.
     pub keypoints: u32,
+    /// Whether its matched map points, all together, move otherwise than the background.
+    pub disagrees: bool,
+    /// Of its keypoints, those on which a map point lies that has stood still for long.
+    pub vouched: u32,
 }
 
 /// How the keypoints for tracking were chosen, in falling order of preference.
@@ -262,7 +268,7 @@ pub struct StageRecord {
     /// Which stage.
     pub stage: Stage,
     /// Digest per field, in a fixed order: a difference names the field.
-    pub fields: SmallVec<[FieldRecord; 4]>,
+    pub fields: SmallVec<[FieldRecord; 6]>,
 }
 
 /// Digest of one field of a stage.

@@ -29,7 +29,9 @@ pub(super) fn triangulate_with_neighbours(
             continue;
         }
         let frame = a.frame;
-        let made = |&(i, j): &(usize, usize)| make_point(ctx, a, i, b, j).map(|position| (i, j, position, a.class[i].joined(b.class[j])));
+        let made = |&(i, j): &(usize, usize)| {
+            make_point(ctx, a, i, b, j).map(|position| (i, j, position, a.class[i].joined(b.class[j])))
+        };
         let found = ctx.buffers.collect(epipolar_matches(ctx, a, b).iter().filter_map(made));
         for &(i, j, position, class) in &found {
             let point = editor.map().next_point();

@@ -159,11 +159,28 @@ impl FrameFilter {
         matches!(self.verdict[i], Verdict::ThingDynamic | Verdict::UnknownDynamic)
     }
 
+    /// Whether a map point lies on a keypoint that has stood still for long, as far as it is known.
+    #[must_use]
+    pub fn is_vouched(&self, i: usize) -> bool {
+        holds(&self.vouched, i)
+    }
+
+    /// Whether a region's matches disagree with the background, as far as it is known.
+    #[must_use]
+    pub fn disagrees_at(&self, region: usize) -> bool {
+        holds(&self.disagrees, region)
+    }
+
     /// Whether a keypoint lies on a region that nothing is known about yet.
     #[must_use]
     pub fn is_unconfirmed(&self, i: usize) -> bool {
         matches!(self.verdict[i], Verdict::ThingNew | Verdict::UnknownNew)
     }
+}
+
+/// A fact that is not known yet does not hold.
+fn holds(facts: &[bool], i: usize) -> bool {
+    facts.get(i).is_some_and(|fact| *fact)
 }
 
 /// The filter's memory.

@@ -3,7 +3,7 @@
 use slam_math::Buffer;
 
 use super::association::Vote;
-use super::{CELL_PX, FrameFilter, NO_REGION, RegionKind, Regions, Tracked};
+use super::{CELL_PX, FrameFilter, NO_REGION, RegionKind, Regions, Tracked, holds};
 use crate::config::Rule;
 use crate::context::Context;
 use crate::input::{FrameInput, Sensor};
@@ -80,7 +80,7 @@ pub(super) fn update_tracks(ctx: &Context, tracked: &Tracked<'_>, frame: &mut Fr
         _ => MIN_VOUCHERS,
     };
     let vote = |region: usize| {
-        if is_marked(tracked.disagrees, region) {
+        if holds(tracked.disagrees, region) {
             return Vote::Disagrees;
         }
         match frame.evidence[region].vote(&config.motion, &frame.stuff, by_keypoints) {
@@ -113,16 +113,11 @@ pub(super) fn decide(ctx: &Context, obs: &Observation, frame: &mut FrameFilter) 
         match own {
             Verdict::Static if is_near_mover() => Verdict::Border,
             // Its label says background, or a region that is static as a whole.
-            Verdict::Static if is_marked(&frame.in_free_space, i) => Verdict::FreeSpace,
+            Verdict::Static if holds(&frame.in_free_space, i) => Verdict::FreeSpace,
             own => own,
         }
     };
     frame.verdict = ctx.buffers.collect((0..obs.len()).map(one));
-}
-
-/// A fact that is not known yet does not hold.
-fn is_marked(facts: &[bool], i: usize) -> bool {
-    facts.get(i).is_some_and(|fact| *fact)
 }
 
 fn by_region(ctx: &Context, frame: &FrameFilter, i: usize) -> Verdict {
@@ -133,10 +128,10 @@ fn by_region(ctx: &Context, frame: &FrameFilter, i: usize) -> Verdict {
     }
     let disagrees = frame.region[i].is_some_and(|r| {
         let is_heard_out = state != RegionState::Static || frame.tracks[r].disagreed_streak > 1;
-        is_heard_out && is_marked(&frame.disagrees, r)
+        is_heard_out && frame.disagrees_at(r)
     });
     let state = if disagrees { RegionState::Dynamic } else { state };
-    let is_vouched = state == RegionState::New && is_marked(&frame.vouched, i);
+    let is_vouched = state == RegionState::New && frame.is_vouched(i);
     match (frame.class[i], state) {
         (KeypointClass::Person, _) if p.people => Verdict::Person,
         (KeypointClass::Thing, RegionState::Dynamic) if p.things => Verdict::ThingDynamic,

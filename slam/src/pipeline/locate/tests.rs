@@ -128,9 +128,8 @@ fn a_selection_that_admits_no_more_than_the_one_before_is_not_reported() {
         tracking: crate::config::TrackingConfig { good_inliers: u32::MAX, ..config.tracking.clone() },
         ..config
     };
-    let selection = with_verdicts(&none_is_good, |_| Verdict::Static, |step, filter| {
-        step.best_attempt(filter).unwrap().selection
-    });
+    let selection =
+        with_verdicts(&none_is_good, |_| Verdict::Static, |step, filter| step.best_attempt(filter).unwrap().selection);
     assert_eq!(selection, Selection::Static);
 }
 
