@@ -242,10 +242,13 @@ mod tests {
     }
 
     /// State after each vote.
-    fn states(mut track: Track, votes: &[Vote]) -> Vec<RegionState> {
-        let config = Config::default().panoptic;
+    fn states(track: Track, votes: &[Vote]) -> Vec<RegionState> {
+        states_by(&Config::default().panoptic, track, votes)
+    }
+
+    fn states_by(config: &PanopticConfig, mut track: Track, votes: &[Vote]) -> Vec<RegionState> {
         let update = |vote: &Vote| {
-            track.update(&config, *vote);
+            track.update(config, *vote);
             track.state
         };
         votes.iter().map(update).collect()
@@ -302,6 +305,9 @@ mod tests {
     fn what_is_vouched_for_is_confirmed_at_once_and_comes_back_soon() {
         use RegionState::{Dynamic, New, Static};
         assert_eq!(states(track(New), &[Vote::Vouched]), [Static]);
+        let mut slow = Config::default().panoptic;
+        slow.motion.confirm_frames = 100;
+        assert_eq!(states_by(&slow, track(New), &[Vote::Vouched]), [Static], "however long confirmation takes");
         let come_back = [Vote::Vouched; VOUCHED_FRAMES as usize];
         assert_eq!(states(track(Dynamic), &come_back), [Dynamic, Dynamic, Dynamic, Dynamic, Static]);
         let broken = [Vote::Vouched, Vote::Vouched, Vote::Vouched, Vote::Vouched, Vote::Disagrees, Vote::Vouched];

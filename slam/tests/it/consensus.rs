@@ -120,7 +120,7 @@ fn all_keypoints_together_show_a_slow_motion_that_none_of_them_shows() {
     let (ctx, obs, matches, _) = slow.taken();
     let fits = |(i, point): &&Matched| ctx.fits(&obs, *i as usize, point);
     let single = matches.iter().skip(slow.background as usize).filter(fits).count();
-    assert!(single * 10 >= ON_REGION as usize * 8, "only {single} of {ON_REGION} would pass for still points");
+    assert!(single * 4 >= ON_REGION as usize * 3, "only {single} of {ON_REGION} would pass for still points");
     let found = slow.disagreeing(100);
     assert!(found >= 98, "{found} of 100");
     let aside = Picture { motion_m: [0.08, 0.0, 0.0], ..ROOM }.disagreeing(100);
@@ -139,11 +139,14 @@ fn the_pose_is_that_of_the_background_however_many_keypoints_move() {
 
 #[test]
 fn a_background_that_fixes_the_pose_poorly_condemns_nothing() {
-    // A few points close together: where the camera stands is anybody's guess.
-    let corner = Picture { background: 24, around: ([-1.2, -0.8, 3.0], [0.06, 0.06, 0.02]), ..ROOM };
-    let moving = Picture { motion_m: SLOWLY, ..corner };
-    assert!(moving.judged().is_some(), "it is asked all the same");
-    assert_eq!(moving.disagreeing(100), 0);
+    // A few points far away in one part of the picture: where the camera stands is anybody's guess.
+    let far = Picture { background: 24, around: ([-2.4, -1.6, 6.0], [0.5, 0.5, 0.2]), ..ROOM };
+    let aside = [0.08, 0.0, 0.0];
+    for motion_m in [[0.0; 3], SLOWLY, aside] {
+        let moving = Picture { motion_m, ..far };
+        assert!(moving.judged().is_some(), "it is asked all the same");
+        assert_eq!(moving.disagreeing(100), 0, "{motion_m:?}");
+    }
 }
 
 #[test]

@@ -6,7 +6,7 @@ use slam_math::{Buffers, FrameId, Rng, Stamp};
 use slam_vision::{Camera, Distortion, Features, GrayImage};
 
 use super::*;
-use crate::config::Config;
+use crate::config::{Config, TrackingConfig};
 use crate::input::{PanopticMask, Segment, Sensor, Setup};
 use crate::observation::Observation;
 use crate::pipeline::{Inline, Slam, Unobserved};
@@ -63,8 +63,8 @@ fn seen(frame: u32, thing_rows: usize) -> (FrameInput, Arc<Observation>) {
     (input, Arc::new(obs))
 }
 
-/// A slam that has tracked some frames of the wall.
-fn at_work(config: &Config) -> (Slam, u32) {
+/// A slam that has tracked eight frames of the wall.
+fn at_work(config: &Config) -> Slam {
     let category = |id, is_thing| crate::input::Category { id, name: format!("category {id}"), is_thing };
     let categories = vec![category(0, false), category(BOX, true)];
     let setup = Setup { camera: camera(), sensor: Sensor::Stereo { bf: 0.1 * camera().fx }, categories };
@@ -74,7 +74,7 @@ fn at_work(config: &Config) -> (Slam, u32) {
         let report = slam.step(&input, obs, &mut Inline, &mut Unobserved).unwrap();
         assert_eq!(report.state, TrackingState::Ok, "frame {frame}");
     }
-    (slam, 8)
+    slam
 }
 
 /// Goes on to the frame's selection with verdicts by keypoint.
@@ -83,8 +83,17 @@ fn with_verdicts<R>(
     verdict: impl Fn(usize) -> Verdict,
     then: impl FnOnce(&mut Step<'_>, &FrameFilter) -> R,
 ) -> R {
-    let (mut slam, frame) = at_work(config);
-    let (input, obs) = seen(frame, 0);
+    with_frame(config, seen(8, 0), verdict, then)
+}
+
+/// The same with what the frame shows.
+fn with_frame<R>(
+    config: &Config,
+    (input, obs): (FrameInput, Arc<Observation>),
+    verdict: impl Fn(usize) -> Verdict,
+    then: impl FnOnce(&mut Step<'_>, &FrameFilter) -> R,
+) -> R {
+    let mut slam = at_work(config);
     let (mut inline, mut unobserved) = (Inline, Unobserved);
     let mut step = Step::new(&mut slam, &input, obs.clone(), &mut inline, &mut unobserved);
     let mut filter = step.slam.filter.label(&step.ctx, &input, &obs);
@@ -97,9 +106,15 @@ fn every(n: usize, some: Verdict, others: Verdict) -> impl Fn(usize) -> Verdict 
     move |i| if i.is_multiple_of(n) { some } else { others }
 }
 
-/// The selection that a frame is tracked by and the inliers of its pose.
+/// The default configuration but for what makes a frame well supported.
+fn good_from(good_inliers: u32, good_sigma_share: f64) -> Config {
+    let config = Config::default();
+    Config { tracking: TrackingConfig { good_inliers, good_sigma_share, ..config.tracking }, ..config }
+}
+
+/// The selection that a frame is tracked by and the inliers of its pose, when 50 inliers are good wherever they are.
 fn chosen(verdict: impl Fn(usize) -> Verdict) -> (Selection, u32) {
-    with_verdicts(&Config::default(), verdict, |step, filter| {
+    with_verdicts(&good_from(50, 1.0), verdict, |step, filter| {
         let attempt = step.best_attempt(filter).unwrap();
         (attempt.selection, attempt.fit.inliers)
     })
@@ -121,13 +136,28 @@ fn selections_widen_one_by_one_until_the_pose_is_supported() {
 }
 
 #[test]
+fn many_keypoints_in_a_corner_are_no_support() {
+    let corner = |i: usize| if i / COLUMNS < 8 && i % COLUMNS < 8 { Verdict::Static } else { Verdict::ThingNew };
+    let [narrow, wide] = [Selection::Static, Selection::WithUnconfirmed].map(|selection| {
+        with_verdicts(&Config::default(), corner, |step, filter| {
+            step.frame.usable = filter.admitted(&step.ctx, selection);
+            step.attempt(selection, filter).unwrap().sigma_share
+        })
+    });
+    assert!(2.0 * wide < narrow, "{wide} {narrow}");
+    let by = |good_sigma_share: f64| {
+        with_verdicts(&good_from(50, good_sigma_share), corner, |step, filter| {
+            step.best_attempt(filter).unwrap().selection
+        })
+    };
+    assert_eq!(by(1.01 * narrow), Selection::Static);
+    assert_eq!(by(0.99 * narrow), Selection::WithUnconfirmed);
+}
+
+#[test]
 fn a_selection_that_admits_no_more_than_the_one_before_is_not_reported() {
     // Few, but all there are: with everything in use there is nothing to widen to.
-    let config = Config::default();
-    let none_is_good = Config {
-        tracking: crate::config::TrackingConfig { good_inliers: u32::MAX, ..config.tracking.clone() },
-        ..config
-    };
+    let none_is_good = good_from(u32::MAX, 1.0);
     let selection =
         with_verdicts(&none_is_good, |_| Verdict::Static, |step, filter| step.best_attempt(filter).unwrap().selection);
     assert_eq!(selection, Selection::Static);
@@ -135,12 +165,8 @@ fn a_selection_that_admits_no_more_than_the_one_before_is_not_reported() {
 
 #[test]
 fn a_wider_selection_never_gives_a_frame_less_support() {
-    let config = Config::default();
     // Nothing is ever good enough, so that all selections are tried.
-    let none_is_good = Config {
-        tracking: crate::config::TrackingConfig { good_inliers: u32::MAX, ..config.tracking.clone() },
-        ..config
-    };
+    let none_is_good = good_from(u32::MAX, 1.0);
     for seed in 0..6 {
         let verdict = |i: usize| Verdict::ALL[Rng::at(5, seed, i as u32, 0).below(8) as usize];
         with_verdicts(&none_is_good, verdict, |step, filter| {
@@ -157,11 +183,41 @@ fn a_wider_selection_never_gives_a_frame_less_support() {
     }
 }
 
+#[test]
+fn more_matches_that_fix_the_pose_worse_are_not_taken() {
+    // 48 keypoints in a corner have moved by 12 pixels, every sixth of the others is where it was, the rest is hidden.
+    let is_mover = |i: usize| i / COLUMNS < 8 && i % COLUMNS < 6;
+    let is_still = |i: usize| !is_mover(i) && i.is_multiple_of(6);
+    let (input, obs) = seen(8, 0);
+    let mut features = Features::default();
+    for i in 0..KEYPOINTS {
+        let moved = if is_mover(i) { 12.0 } else { 0.0 };
+        let [x, y] = obs.raw_pixel[i];
+        features.pixel.push([(x + moved) as f32, y as f32]);
+        features.octave.push(0);
+        features.angle.push(0.0);
+        features.response.push(50);
+        let descriptor = obs.descriptor[i];
+        features.descriptor.push(if is_mover(i) || is_still(i) { descriptor } else { descriptor.map(|word| !word) });
+    }
+    let obs = Observation::with_depth(features, obs.depth_m.clone(), None, &camera(), &Buffers::default());
+    let verdict = |i: usize| if is_mover(i) { Verdict::ThingDynamic } else { Verdict::Static };
+    // Nothing is ever good enough, so that all selections are tried.
+    with_frame(&good_from(u32::MAX, 1.0), (input, Arc::new(obs)), verdict, |step, filter| {
+        let best = step.best_attempt(filter).unwrap();
+        assert_eq!(best.selection, Selection::Static);
+        step.frame.usable = filter.admitted(&step.ctx, Selection::Everything);
+        let all = step.attempt(Selection::Everything, filter).unwrap();
+        assert!(all.fit.inliers > best.fit.inliers, "the mover has more: {} and {}", all.fit.inliers, best.fit.inliers);
+        assert!(all.sigma_share > best.sigma_share, "but fixes the pose worse");
+    });
+}
+
 /// A frame in which the upper part of the wall is a new Thing is settled with what the consensus says about it. Gives whether it
 /// is tracked, the matches before and after, and the inliers that are reported.
 fn settled(rows: usize, disagrees: bool) -> (bool, [usize; 2], u32) {
-    let (mut slam, frame) = at_work(&Config::default());
-    let (input, obs) = seen(frame, rows);
+    let mut slam = at_work(&Config::default());
+    let (input, obs) = seen(8, rows);
     let (mut inline, mut unobserved) = (Inline, Unobserved);
     let mut step = Step::new(&mut slam, &input, obs.clone(), &mut inline, &mut unobserved);
     let mut filter = step.slam.filter.label(&step.ctx, &input, &obs);
