@@ -124,8 +124,9 @@ fn log_region_areas(file: &mut RrdWriter, at: At, report: &FrameReport, setup: &
 fn log_region_boxes(file: &mut RrdWriter, at: At, report: &FrameReport, setup: &Setup) -> Result<(), RrdError> {
     let moves = |region: &RegionReport| matches!(region.state, RegionState::Dynamic | RegionState::Person);
     for (entity, moving) in [("/world/camera/regions/moving", true), ("/world/camera/regions/still", false)] {
-        let regions = report.regions.iter().filter(|region| moves(region) == moving && is_large(region, setup));
-        let regions: Vec<&RegionReport> = regions.collect();
+        // Those that disagree have a box of their own.
+        let regions = report.regions.iter().filter(|region| moves(region) == moving && !region.disagrees);
+        let regions: Vec<&RegionReport> = regions.filter(|region| is_large(region, setup)).collect();
         let boxes: Vec<[f32; 4]> = regions.iter().map(|region| region.bbox.map(|v| v as f32)).collect();
         let class_ids: Vec<u16> = regions.iter().map(|region| style::region_class(region.state)).collect();
         let labels: Vec<String> = regions.iter().map(|region| region_label(region, setup)).collect();
@@ -146,9 +147,7 @@ fn log_region_boxes(file: &mut RrdWriter, at: At, report: &FrameReport, setup: &
 fn log_disagreement(file: &mut RrdWriter, at: At, report: &FrameReport, setup: &Setup) -> Result<(), RrdError> {
     let regions: Vec<&RegionReport> = report.regions.iter().filter(|region| region.disagrees).collect();
     let boxes: Vec<[f32; 4]> = regions.iter().map(|region| region.bbox.map(|v| v as f32)).collect();
-    let label = |region: &&RegionReport| {
-        format!("{} #{} moves against the background", style::category_name(region.category, setup), region.track)
-    };
+    let label = |region: &&RegionReport| format!("{}, moves against the background", region_label(region, setup));
     let labels: Vec<String> = regions.iter().map(label).collect();
     let boxes = Boxes2d {
         boxes: &boxes,

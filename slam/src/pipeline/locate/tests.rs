@@ -184,7 +184,7 @@ fn a_wider_selection_never_gives_a_frame_less_support() {
 }
 
 #[test]
-fn more_matches_that_fix_the_pose_worse_are_not_taken() {
+fn a_wider_selection_that_fixes_the_pose_worse_is_not_taken() {
     // 48 keypoints in a corner have moved by 12 pixels, every sixth of the others is where it was, the rest is hidden.
     let is_mover = |i: usize| i / COLUMNS < 8 && i % COLUMNS < 6;
     let is_still = |i: usize| !is_mover(i) && i.is_multiple_of(6);
@@ -208,8 +208,8 @@ fn more_matches_that_fix_the_pose_worse_are_not_taken() {
         assert_eq!(best.selection, Selection::Static);
         step.frame.usable = filter.admitted(&step.ctx, Selection::Everything);
         let all = step.attempt(Selection::Everything, filter).unwrap();
-        assert!(all.fit.inliers > best.fit.inliers, "the mover has more: {} and {}", all.fit.inliers, best.fit.inliers);
-        assert!(all.sigma_share > best.sigma_share, "but fixes the pose worse");
+        assert!(all.fit.inliers >= step.needed_inliers(), "it would do");
+        assert!(all.sigma_share > best.sigma_share, "but the mover costs support");
     });
 }
 
