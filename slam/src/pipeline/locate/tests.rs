@@ -168,7 +168,7 @@ fn a_wider_selection_never_gives_a_frame_less_support() {
     // Nothing is ever good enough, so that all selections are tried.
     let none_is_good = good_from(u32::MAX, 1.0);
     for seed in 0..6 {
-        let verdict = |i: usize| Verdict::ALL[Rng::at(5, seed, i as u32, 0).below(8) as usize];
+        let verdict = |i: usize| Verdict::ALL[Rng::at(5, seed, i as u32, 0).below(8)];
         with_verdicts(&none_is_good, verdict, |step, filter| {
             let best = step.best_attempt(filter).unwrap();
             for selection in Selection::ALL {
