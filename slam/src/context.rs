@@ -91,6 +91,14 @@ impl Context {
         }
     }
 
+    /// How much farther than a surface at this depth a measurement must be to have gone through it, metres: where that was, is
+    /// free space. What is nearer to the surface than this, on either side, is the surface itself.
+    #[must_use]
+    pub fn free_space_margin(&self, depth_m: f64) -> f64 {
+        let m = &self.config.panoptic.motion;
+        m.free_space_m + m.free_space_sigmas * self.depth_sigma(depth_m)
+    }
+
     /// Standard deviation of the disparity `bf / z` of a depth, pixels. A stereo match is as fine as the pixels of the
     /// level it was made on.
     fn disparity_sigma(&self, depth_m: f64, scale: f64) -> f64 {

@@ -32,6 +32,15 @@ pub enum KeypointClass {
     Person,
 }
 
+impl KeypointClass {
+    /// What a point lies on that is seen as both: not on the background unless both say so, since a label's border is where views
+    /// disagree. Of two others the first.
+    #[must_use]
+    pub fn joined(self, other: Self) -> Self {
+        if self == Self::Stuff { other } else { self }
+    }
+}
+
 /// What the panoptic filter decided about a keypoint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
@@ -106,6 +115,8 @@ pub struct KeypointReport {
     pub epipolar_px: f64,
     /// Residual under the static hypothesis in sigmas; NaN when it was not tested.
     pub motion_sigmas: f64,
+    /// Whether a map point lies on it that has stood still for long.
+    pub is_vouched: bool,
     /// The map point it is matched to after tracking.
     pub point: Option<MapPointId>,
 }
@@ -147,6 +158,10 @@ pub struct RegionReport {
     pub samples: u32,
     /// Keypoints tested.
     pub keypoints: u32,
+    /// Whether its matched map points, all together, move otherwise than the background.
+    pub disagrees: bool,
+    /// Of its keypoints, those on which a map point lies that has stood still for long.
+    pub vouched: u32,
 }
 
 /// How the keypoints for tracking were chosen, in falling order of preference.
@@ -253,7 +268,7 @@ pub struct StageRecord {
     /// Which stage.
     pub stage: Stage,
     /// Digest per field, in a fixed order: a difference names the field.
-    pub fields: SmallVec<[FieldRecord; 4]>,
+    pub fields: SmallVec<[FieldRecord; 6]>,
 }
 
 /// Digest of one field of a stage.

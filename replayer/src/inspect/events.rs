@@ -84,5 +84,6 @@ fn verdict_change(region: &RegionReport, before: Option<RegionState>, setup: &Se
 fn evidence(region: &RegionReport) -> String {
     let percent = |share: f64| if share.is_finite() { 100.0 * share } else { 0.0 };
     let (moved, free) = (percent(region.moved_share), percent(region.free_space_share));
-    format!("{moved:.0} % of keypoints moved, {free:.0} % of depth in free space")
+    let against = if region.disagrees { ", its map points move against the background" } else { "" };
+    format!("{moved:.0} % of keypoints moved, {free:.0} % of depth in free space{against}")
 }

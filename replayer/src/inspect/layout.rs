@@ -19,7 +19,8 @@ joined; orange lines show for one frame how far a correction moved each keyframe
 on Things that stand still, magenta on unknown areas that stand still, orange are in doubt.
 
 **Keypoints.** The colour is the panoptic filter's verdict; large ones are matched to the map. The plot *keypoints by \
-verdict* is the legend.
+verdict* is the legend. A blue halo: the keypoint lies on a segment, and on a map point that has stood still for long, which \
+vouches for it. A white box: the map points of the segment, all together, move otherwise than the background.
 
 **Segments.** Boxes name class, track and verdict of a segment, and the larger share of its samples that speaks for \
 motion (keypoints that moved, depth in formerly free space).
@@ -90,7 +91,10 @@ fn pictures(width: u32, height: u32) -> Container {
         View::new(ViewKind::Spatial2d(Spatial2d { bounds }), name, "/world/camera").with_contents(&contents).into()
     };
     let large = vec![
-        view("keypoints by verdict", &["+ $origin/keypoints", "+ $origin/regions/moving"]),
+        view(
+            "keypoints by verdict",
+            &["+ $origin/keypoints", "+ $origin/vouched", "+ $origin/regions/moving", "+ $origin/regions/disagree"],
+        ),
         view("epipolar residual", &["+ $origin/epipolar"]),
         view("motion residual", &["+ $origin/motion"]),
     ];

@@ -6,7 +6,9 @@
 //! | `/world/camera/color`, `depth`, `segmentation` | what the log gave |
 //! | `/world/camera/unknown` | pixels that no segment claims |
 //! | `/world/camera/regions`, `regions/moving`, `regions/still` | segment tracks: area by state; boxes with class, id and evidence |
+//! | `/world/camera/regions/disagree` | boxes of regions whose map points move otherwise than the background |
 //! | `/world/camera/keypoints` | keypoints coloured by verdict; those matched to the map are larger |
+//! | `/world/camera/vouched` | halos of keypoints on regions that old map points vouch for |
 //! | `/world/camera/epipolar`, `motion` | keypoints coloured by residual |
 //! | `/world/map/points`, `tracked` | map points coloured by state; those seen now |
 //! | `/world/keyframes`, `covisibility`, `loops` | keyframes and the graph between them |

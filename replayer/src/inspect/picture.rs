@@ -7,7 +7,7 @@ use rrd::{
     RrdWriter, SegmentationImage,
 };
 use slam::input::{DepthImage, FrameInput, PanopticMask, Setup};
-use slam::report::{FrameReport, KeypointReport, RegionReport, RegionState};
+use slam::report::{FrameReport, KeypointClass, KeypointReport, RegionReport, RegionState};
 
 use super::{ColorPicture, InspectError, style};
 
@@ -88,7 +88,9 @@ fn log_segmentation(file: &mut RrdWriter, at: At, mask: &PanopticMask) -> Result
 pub fn log_findings(file: &mut RrdWriter, at: At, report: &FrameReport, setup: &Setup) -> Result<(), RrdError> {
     log_region_areas(file, at, report, setup)?;
     log_region_boxes(file, at, report, setup)?;
+    log_disagreement(file, at, report, setup)?;
     log_keypoints(file, at, &report.keypoints)?;
+    log_vouched(file, at, &report.keypoints)?;
     log_residuals(file, at, "/world/camera/epipolar", &report.keypoints, |k| k.epipolar_px / EPIPOLAR_LIMIT_PX)?;
     log_residuals(file, at, "/world/camera/motion", &report.keypoints, |k| k.motion_sigmas / MOTION_LIMIT_SIGMAS)
 }
@@ -122,8 +124,9 @@ fn log_region_areas(file: &mut RrdWriter, at: At, report: &FrameReport, setup: &
 fn log_region_boxes(file: &mut RrdWriter, at: At, report: &FrameReport, setup: &Setup) -> Result<(), RrdError> {
     let moves = |region: &RegionReport| matches!(region.state, RegionState::Dynamic | RegionState::Person);
     for (entity, moving) in [("/world/camera/regions/moving", true), ("/world/camera/regions/still", false)] {
-        let regions = report.regions.iter().filter(|region| moves(region) == moving && is_large(region, setup));
-        let regions: Vec<&RegionReport> = regions.collect();
+        // Those that disagree have a box of their own.
+        let regions = report.regions.iter().filter(|region| moves(region) == moving && !region.disagrees);
+        let regions: Vec<&RegionReport> = regions.filter(|region| is_large(region, setup)).collect();
         let boxes: Vec<[f32; 4]> = regions.iter().map(|region| region.bbox.map(|v| v as f32)).collect();
         let class_ids: Vec<u16> = regions.iter().map(|region| style::region_class(region.state)).collect();
         let labels: Vec<String> = regions.iter().map(|region| region_label(region, setup)).collect();
@@ -140,6 +143,23 @@ fn log_region_boxes(file: &mut RrdWriter, at: At, report: &FrameReport, setup: &
     Ok(())
 }
 
+/// Regions that do not move as the background does, whatever their state is yet and however small they are.
+fn log_disagreement(file: &mut RrdWriter, at: At, report: &FrameReport, setup: &Setup) -> Result<(), RrdError> {
+    let regions: Vec<&RegionReport> = report.regions.iter().filter(|region| region.disagrees).collect();
+    let boxes: Vec<[f32; 4]> = regions.iter().map(|region| region.bbox.map(|v| v as f32)).collect();
+    let label = |region: &&RegionReport| format!("{}, moves against the background", region_label(region, setup));
+    let labels: Vec<String> = regions.iter().map(label).collect();
+    let boxes = Boxes2d {
+        boxes: &boxes,
+        labels: &labels,
+        colors: &[style::DISAGREES],
+        radii: &[Radius::Ui(2.0)],
+        draw_order: Some(5.5),
+        ..Boxes2d::default()
+    };
+    file.log("/world/camera/regions/disagree", at, &boxes)
+}
+
 /// Whether a region is large enough to speak about.
 pub fn is_large(region: &RegionReport, setup: &Setup) -> bool {
     let share = if region.state == RegionState::New { NEW_BOX_SHARE } else { BOX_SHARE };
@@ -147,7 +167,8 @@ pub fn is_large(region: &RegionReport, setup: &Setup) -> bool {
     f64::from(region.area_px) >= share * picture_px
 }
 
-/// Class, track and verdict; for what is judged by evidence, the larger share of it that speaks for motion.
+/// Class, track and verdict; for what is judged by evidence, the larger share of it that speaks for motion, and how many keypoints
+/// old map points vouch for.
 fn region_label(region: &RegionReport, setup: &Setup) -> String {
     let name = style::category_name(region.category, setup);
     if region.state == RegionState::Person {
@@ -155,7 +176,8 @@ fn region_label(region: &RegionReport, setup: &Setup) -> String {
     }
     let shares = [region.moved_share, region.free_space_share];
     let moving = shares.into_iter().filter(|share| share.is_finite()).fold(0.0, slam_math::float::max);
-    format!("{name} #{} {} {:.0}%", region.track, style::region(region.state).0, 100.0 * moving)
+    let vouched = if region.vouched > 0 { format!(", {} vouched for", region.vouched) } else { String::new() };
+    format!("{name} #{} {} {:.0}%{vouched}", region.track, style::region(region.state).0, 100.0 * moving)
 }
 
 fn log_keypoints(file: &mut RrdWriter, at: At, keypoints: &[KeypointReport]) -> Result<(), RrdError> {
@@ -171,6 +193,20 @@ fn log_keypoints(file: &mut RrdWriter, at: At, keypoints: &[KeypointReport]) -> 
         ..Points2d::default()
     };
     file.log("/world/camera/keypoints", at, &points)
+}
+
+/// Halos under the keypoints that map points vouch for. Where the label says background they change nothing and are left away.
+fn log_vouched(file: &mut RrdWriter, at: At, keypoints: &[KeypointReport]) -> Result<(), RrdError> {
+    let vouched = keypoints.iter().filter(|keypoint| keypoint.is_vouched && keypoint.class != KeypointClass::Stuff);
+    let positions: Vec<[f32; 2]> = vouched.map(position).collect();
+    let points = Points2d {
+        positions: &positions,
+        colors: &[style::VOUCHED],
+        radii: &[Radius::Ui(5.0)],
+        draw_order: Some(5.8),
+        ..Points2d::default()
+    };
+    file.log("/world/camera/vouched", at, &points)
 }
 
 /// Keypoints that have the residual, coloured by it; `share` is 1 for what is shown in full red.

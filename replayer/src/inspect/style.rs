@@ -24,6 +24,10 @@ pub const GOLD: Rgba = [255, 196, 61, 255];
 pub const LOOP: Rgba = [255, 90, 170, 255];
 /// Set aside.
 pub const GREY: Rgba = [150, 155, 165, 255];
+/// A region against the background.
+pub const DISAGREES: Rgba = [255, 255, 255, 255];
+/// Old map points speak for it.
+pub const VOUCHED: Rgba = [77, 166, 255, 200];
 /// Whatever is calm and plenty.
 pub const PALE: Rgba = [188, 196, 210, 255];
 

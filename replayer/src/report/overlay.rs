@@ -174,7 +174,8 @@ fn names(moment: &Moment, setup: &Setup) -> String {
         let name = if region.state == RegionState::Person {
             format!("{category} {}", region.track)
         } else {
-            format!("{category} {}: {state}", region.track)
+            let against = if region.disagrees { ", against the background" } else { "" };
+            format!("{category} {}: {state}{against}", region.track)
         };
         let _ = write!(
             text,

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use slam::map::MapProblem;
 use slam::offline::seen_twice;
-use slam::report::{Event, TrackingState};
+use slam::report::{Event, KeypointClass, TrackingState};
 use slam::{Config, FinalPath, FrameReport, FrontEnd, Setup, Slam, TrajectoryPose};
 use slam_math::{FrameId, MapId, Se3};
 use slam_vision::{Vocabulary, Workspace};
@@ -220,6 +220,7 @@ impl Tally {
             );
             self.event(None, &Event { warning: true, text });
         }
+        let of_class = |class| slam.map().points().filter(|point| point.class == class).count();
         let result = RunResult {
             tracked: tracked.len(),
             lost: lost.len(),
@@ -231,6 +232,8 @@ impl Tally {
             online_other_map_frames: ranges(&online.others),
             keyframes: slam.map().keyframe_count(),
             map_points: slam.map().point_count(),
+            map_points_on_things: of_class(KeypointClass::Thing),
+            map_points_on_unknown: of_class(KeypointClass::Unknown),
             r#final: final_stage,
             ..self.result
         };

@@ -65,6 +65,10 @@ pub struct RunResult {
     pub keyframes: usize,
     /// Map points at the end.
     pub map_points: usize,
+    /// Of them, those on Things, which stood still when the points were made.
+    pub map_points_on_things: usize,
+    /// Of them, those on areas that no segment claimed.
+    pub map_points_on_unknown: usize,
     /// What the final stage did, a map each; none when it is off.
     pub r#final: Vec<FinalReport>,
     /// Events that are warnings.
@@ -146,7 +150,12 @@ impl fmt::Display for RunSummary {
             r.maps.len(),
             r.tracked - r.in_trajectory
         )?;
-        writeln!(f, "map          {} keyframes, {} points", r.keyframes, r.map_points)?;
+        let (things, unknown) = (r.map_points_on_things, r.map_points_on_unknown);
+        writeln!(
+            f,
+            "map          {} keyframes, {} points, {things} of them on things and {unknown} on unknown areas",
+            r.keyframes, r.map_points
+        )?;
         for part in &r.r#final {
             writeln!(f, "final        {}", told(part))?;
         }

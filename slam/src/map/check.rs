@@ -35,8 +35,9 @@ impl Map {
         for (index, keyframe) in self.keyframes.iter() {
             ensure(keyframe.id.index() == index, || format!("{} stands at {index}", keyframe.id))?;
             let n = keyframe.obs.len();
-            let whole = keyframe.obs.is_sound(levels) && keyframe.points.len() == n && keyframe.usable.len() == n;
-            ensure(whole, || format!("the keypoints of {} are incomplete", keyframe.id))?;
+            let lengths = [keyframe.points.len(), keyframe.class.len(), keyframe.usable.len()];
+            let is_whole = keyframe.obs.is_sound(levels) && lengths.into_iter().all(|len| len == n);
+            ensure(is_whole, || format!("the keypoints of {} are incomplete", keyframe.id))?;
             self.check_points_and_edges(keyframe)?;
             self.check_tree(keyframe)?;
         }

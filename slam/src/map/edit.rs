@@ -19,7 +19,7 @@ pub struct NewPoint {
     pub index: u32,
     /// Frame of creation.
     pub frame: FrameId,
-    /// What the keypoint lies on.
+    /// What the keypoints lie on that it is made of.
     pub class: KeypointClass,
 }
 
@@ -273,6 +273,7 @@ impl MapEdit {
                 w.u32(p.keyframe.0);
                 w.u32(p.index);
                 w.f64s(p.position.as_slice());
+                w.u8(p.class as u8);
             }
             Self::Observe(point, keyframe, index) => [point.0, keyframe.0, *index].iter().for_each(|v| w.u32(*v)),
             Self::Unobserve(point, keyframe) => [point.0, keyframe.0].iter().for_each(|v| w.u32(*v)),

@@ -7,6 +7,7 @@ use slam_math::{Buffer, FrameId, KeyFrameId, MapId, MapPointId, Se3, Stamp};
 use smallvec::SmallVec;
 
 use crate::observation::Observation;
+use crate::report::KeypointClass;
 
 /// A frame that is kept, with its place in the covisibility graph.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -21,6 +22,8 @@ pub struct KeyFrame {
     pub map: MapId,
     /// What the sensor said.
     pub obs: Arc<Observation>,
+    /// What each keypoint lies on.
+    pub class: Arc<Vec<KeypointClass>>,
     /// Keypoints that the panoptic filter lets into the map.
     pub usable: Arc<Vec<bool>>,
     /// Map point of each keypoint.

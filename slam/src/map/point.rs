@@ -64,7 +64,7 @@ pub struct MapPoint {
     pub created_in: KeyFrameId,
     /// Frame it was made in.
     pub created_at: FrameId,
-    /// What the keypoint lay on when the point was made.
+    /// What the keypoints lay on that the point was made of.
     pub class: KeypointClass,
     /// Frames in which it should have been visible.
     pub visible: u32,

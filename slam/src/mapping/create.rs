@@ -8,7 +8,6 @@ use smallvec::SmallVec;
 use super::{Editor, YoungPoints};
 use crate::context::Context;
 use crate::map::{KeyFrame, MapEdit, NewPoint};
-use crate::report::KeypointClass;
 use crate::tracking::TrackedFrame;
 
 /// Adds a keyframe made from a tracked frame. The first one of a map has no parent.
@@ -20,6 +19,7 @@ pub fn insert_keyframe(editor: &mut Editor<'_>, frame: &TrackedFrame, map: MapId
         stamp: frame.stamp,
         map,
         obs: frame.obs.clone(),
+        class: Arc::new(frame.class.to_vec()),
         usable: Arc::new(frame.usable.to_vec()),
         points: frame.points.clone(),
         camera_from_world: frame.camera_from_world,
@@ -43,7 +43,6 @@ pub fn create_points_from_depth(
     editor: &mut Editor<'_>,
     young: &mut YoungPoints,
     id: KeyFrameId,
-    classes: &[KeypointClass],
 ) -> u32 {
     let Some(keyframe) = editor.map().keyframe(id).cloned() else { return 0 };
     let obs = &keyframe.obs;
@@ -52,7 +51,7 @@ pub fn create_points_from_depth(
     for i in (0..obs.len()).filter(|i| keyframe.usable[*i] && keyframe.points[*i].is_none()) {
         let Some(z) = obs.depth(i).filter(|z| ctx.depth_sigma(*z) <= MAX_SIGMA_SHARE * z) else { continue };
         let position = world_from_camera.transform(&ctx.camera.unproject(obs.pixel[i], z));
-        let new = NewPoint { position, keyframe: id, index: i as u32, frame: keyframe.frame, class: classes[i] };
+        let new = NewPoint { position, keyframe: id, index: i as u32, frame: keyframe.frame, class: keyframe.class[i] };
         add_point(ctx, editor, young, new);
         created += 1;
     }

@@ -20,7 +20,7 @@ pub fn insert_two_views(
     let ids = [insert_keyframe(editor, &views.first, map), insert_keyframe(editor, second, map)];
     for (in_first, in_second, position) in &views.points {
         let point = editor.map().next_point();
-        let class = views.first_class[*in_first as usize];
+        let class = views.first.class[*in_first as usize].joined(second.class[*in_second as usize]);
         let new = NewPoint { position: *position, keyframe: ids[0], index: *in_first, frame: views.first.id, class };
         if editor.apply(MapEdit::AddPoint(new)) {
             editor.apply(MapEdit::Observe(point, ids[1], *in_second));

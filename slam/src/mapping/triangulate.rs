@@ -9,7 +9,6 @@ use super::create::add_point;
 use super::{Editor, YoungPoints};
 use crate::context::Context;
 use crate::map::{KeyFrame, Map, MapEdit, NewPoint};
-use crate::report::KeypointClass;
 
 /// Matches free keypoints of a keyframe with those of its neighbours along epipolar lines and makes points. Returns how
 /// many.
@@ -30,11 +29,13 @@ pub(super) fn triangulate_with_neighbours(
             continue;
         }
         let frame = a.frame;
-        let made = |&(i, j): &(usize, usize)| make_point(ctx, a, i, b, j).map(|position| (i, j, position));
+        let made = |&(i, j): &(usize, usize)| {
+            make_point(ctx, a, i, b, j).map(|position| (i, j, position, a.class[i].joined(b.class[j])))
+        };
         let found = ctx.buffers.collect(epipolar_matches(ctx, a, b).iter().filter_map(made));
-        for &(i, j, position) in &found {
+        for &(i, j, position, class) in &found {
             let point = editor.map().next_point();
-            let new = NewPoint { position, keyframe: id, index: i as u32, frame, class: KeypointClass::Stuff };
+            let new = NewPoint { position, keyframe: id, index: i as u32, frame, class };
             add_point(ctx, editor, young, new);
             editor.apply(MapEdit::Observe(point, neighbour, j as u32));
             editor.refresh(ctx, point);

@@ -242,10 +242,13 @@ mod tests {
     }
 
     /// State after each vote.
-    fn states(mut track: Track, votes: &[Vote]) -> Vec<RegionState> {
-        let config = Config::default().panoptic;
+    fn states(track: Track, votes: &[Vote]) -> Vec<RegionState> {
+        states_by(&Config::default().panoptic, track, votes)
+    }
+
+    fn states_by(config: &PanopticConfig, mut track: Track, votes: &[Vote]) -> Vec<RegionState> {
         let update = |vote: &Vote| {
-            track.update(&config, *vote);
+            track.update(config, *vote);
             track.state
         };
         votes.iter().map(update).collect()
@@ -275,6 +278,54 @@ mod tests {
         let all = states(track(Dynamic), &votes);
         assert!(all[..59].iter().all(|s| *s == Dynamic));
         assert_eq!(all[59], Static);
+    }
+
+    #[test]
+    fn disagreement_in_a_row_moves_any_region_and_silence_does_not_break_it() {
+        use RegionState::{Dynamic, New, Static};
+        // `panoptic.consensus.frames` is 3.
+        for state in [New, Static] {
+            let votes = [Vote::Disagrees, Vote::Silent, Vote::Disagrees, Vote::Disagrees];
+            assert_eq!(states(track(state), &votes), [state, state, state, Dynamic]);
+        }
+        let votes = [Vote::Disagrees, Vote::Disagrees, Vote::Static, Vote::Disagrees, Vote::Disagrees];
+        assert!(states(track(Static), &votes).iter().all(|s| *s == Static), "agreement in between breaks it");
+    }
+
+    #[test]
+    fn a_mover_that_disagrees_begins_anew_to_come_back() {
+        let mut votes = vec![Vote::Static; 29];
+        votes.push(Vote::Disagrees);
+        votes.extend([Vote::Static; 30]);
+        let all = states(track(RegionState::Dynamic), &votes);
+        assert_eq!(all.iter().position(|s| *s == RegionState::Static), Some(59));
+    }
+
+    #[test]
+    fn what_is_vouched_for_is_confirmed_at_once_and_comes_back_soon() {
+        use RegionState::{Dynamic, New, Static};
+        assert_eq!(states(track(New), &[Vote::Vouched]), [Static]);
+        let mut slow = Config::default().panoptic;
+        slow.motion.confirm_frames = 100;
+        assert_eq!(states_by(&slow, track(New), &[Vote::Vouched]), [Static], "however long confirmation takes");
+        let come_back = [Vote::Vouched; VOUCHED_FRAMES as usize];
+        assert_eq!(states(track(Dynamic), &come_back), [Dynamic, Dynamic, Dynamic, Dynamic, Static]);
+        let broken = [Vote::Vouched, Vote::Vouched, Vote::Vouched, Vote::Vouched, Vote::Disagrees, Vote::Vouched];
+        assert!(states(track(Dynamic), &broken).iter().all(|s| *s == Dynamic));
+        assert_eq!(states(track(RegionState::Person), &[Vote::Vouched]), [RegionState::Person]);
+    }
+
+    #[test]
+    fn who_is_vouched_for_is_no_longer_under_suspicion() {
+        use RegionState::Static;
+        for accuses in [Vote::Dynamic, Vote::Disagrees] {
+            let config = Config::default().panoptic;
+            let enough = if accuses == Vote::Dynamic { config.motion.suspect_frames } else { config.consensus.frames };
+            let mut votes = vec![accuses; enough as usize - 1];
+            votes.push(Vote::Vouched);
+            votes.push(accuses);
+            assert!(states(track(Static), &votes).iter().all(|s| *s == Static), "{accuses:?}");
+        }
     }
 
     #[test]

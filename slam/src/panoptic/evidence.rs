@@ -2,7 +2,7 @@
 //! are not where the static world would have them.
 
 use nalgebra::Vector3;
-use slam_math::{FrameId, float};
+use slam_math::{Buffer, FrameId, float};
 use slam_vision::nearest_two;
 use smallvec::smallvec;
 
@@ -117,7 +117,7 @@ impl Evidence {
     }
 }
 
-/// Fills `frame.evidence` and `frame.motion_sigmas`, and finds what is ground.
+/// Fills `frame.evidence` and `frame.motion_sigmas`, and finds what is ground and what stands in free space.
 pub(super) fn gather(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame: &mut FrameFilter) {
     for evidence in frame.evidence.iter_mut().chain([&mut frame.stuff]) {
         evidence.counts = smallvec![Count::default(); older.len()];
@@ -127,6 +127,7 @@ pub(super) fn gather(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame:
         count_samples(ctx, now, depth, older, frame);
     }
     frame.keypoint_ground = ground::keypoints(ctx, now, older, frame);
+    frame.in_free_space = keypoints_in_free_space(ctx, now, older, frame);
     let world_from_camera = now.tracked.camera_from_world.inverse();
     let by_depth = ctx.sensor == Sensor::Rgbd;
     let mut nearby = ctx.buffers.empty();
@@ -218,11 +219,10 @@ pub(super) fn compare(ctx: &Context, then: &Remembered, in_world: &Vector3<f64>)
     let (pixel, expected) = project(&ctx.camera, &then.camera_from_world, in_world)?;
     let raw = ctx.camera.distort(pixel);
     let (cx, cy) = (round_to_pixel(raw[0]), round_to_pixel(raw[1]));
-    let m = &ctx.config.panoptic.motion;
     if then.shows_ground(ctx, [cx, cy], expected) {
         return Some(Seen::Same { ground: true });
     }
-    let margin = m.free_space_m + m.free_space_sigmas * ctx.depth_sigma(expected);
+    let margin = ctx.free_space_margin(expected);
     let (mut measured, mut farther) = (0, 0);
     for y in cy - WINDOW..=cy + WINDOW {
         for x in cx - WINDOW..=cx + WINDOW {
@@ -287,19 +287,18 @@ pub(super) fn find_again(
     Some(first.index as usize)
 }
 
-/// Takes out single keypoints that stand in formerly free space although their label says background or a region that
-/// is static as a whole: what the segmentation missed. Only with both tests of movers on.
-pub(super) fn free_keypoints(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame: &mut FrameFilter) {
-    if !(ctx.config.panoptic.things && ctx.config.panoptic.unknown) {
-        return;
-    }
-    let world_from_camera = now.tracked.camera_from_world.inverse();
-    for i in 0..now.obs.len() {
-        let Some(z) = now.obs.depth(i).filter(|_| frame.verdict[i] == Verdict::Static) else { continue };
-        let in_world = world_from_camera.transform(&ctx.camera.unproject(now.obs.pixel[i], z));
-        if older.iter().any(|then| compare(ctx, then, &in_world) == Some(Seen::Farther)) {
-            frame.verdict[i] = Verdict::FreeSpace;
-        }
-    }
+/// Keypoints that stand in formerly free space by their own depth, whatever their label says: what the segmentation missed.
+/// Whoever is filtered as a person is not asked. Only with both tests of movers on.
+fn keypoints_in_free_space(ctx: &Context, now: &Now<'_>, older: &[&Remembered], frame: &FrameFilter) -> Buffer<bool> {
     debug_assert!(older.iter().all(|then| then.id < now.id));
+    let p = &ctx.config.panoptic;
+    let is_asked = |i: usize| p.things && p.unknown && !(p.people && frame.class[i] == KeypointClass::Person);
+    let world_from_camera = now.tracked.camera_from_world.inverse();
+    let one = |i: usize| {
+        let depth = now.obs.depth(i).filter(|_| is_asked(i));
+        let in_world = depth.map(|z| world_from_camera.transform(&ctx.camera.unproject(now.obs.pixel[i], z)));
+        let was_free = |point: &Vector3<f64>| older.iter().any(|then| compare(ctx, then, point) == Some(Seen::Farther));
+        in_world.as_ref().is_some_and(was_free)
+    };
+    ctx.buffers.collect((0..now.obs.len()).map(one))
 }

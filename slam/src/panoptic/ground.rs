@@ -98,7 +98,8 @@ impl PanopticFilter {
 }
 
 impl Remembered {
-    /// Whether a pixel (as recorded) showed background at this depth, metres.
+    /// Whether a pixel (as recorded) showed background at this depth, metres. One sigma and not the margin of free space: ground
+    /// stays in use whatever its label, and a mover that leans against a wall must not pass for it.
     pub(super) fn shows_ground(&self, ctx: &Context, [x, y]: [i64; 2], expected: f64) -> bool {
         // Most places are none: the small table is looked up first.
         let measured = || self.depth.as_ref().and_then(|depth| depth.metres(x, y));

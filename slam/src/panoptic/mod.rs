@@ -104,7 +104,7 @@ pub struct FrameFilter {
     pub class: Buffer<KeypointClass>,
     /// Region of each keypoint, an index into `regions.list`.
     pub region: Buffer<Option<usize>>,
-    /// The decision about each keypoint.
+    /// The decision about each keypoint. Only `verdict.rs` writes it, from everything else that stands here.
     pub verdict: Buffer<Verdict>,
     /// Residual under the static hypothesis in sigmas; NaN when not tested.
     pub motion_sigmas: Buffer<f64>,
@@ -126,7 +126,9 @@ pub struct FrameFilter {
     pub epipolar: Option<Epipolar>,
     /// Distance of each keypoint to the epipolar line of its match; NaN without match or geometry.
     pub epipolar_px: Buffer<f64>,
-    /// Keypoints matched with a map point that has stood still for long; empty before the frame is judged.
+    /// Keypoints whose surface stands in formerly free space; empty before the frame is judged.
+    pub in_free_space: Buffer<bool>,
+    /// Keypoints on which a map point lies that has stood still for long; empty before the frame is judged.
     pub vouched: Buffer<bool>,
     /// Regions whose matches disagree with the background; empty when nobody could be asked.
     pub disagrees: Buffer<bool>,
@@ -157,11 +159,28 @@ impl FrameFilter {
         matches!(self.verdict[i], Verdict::ThingDynamic | Verdict::UnknownDynamic)
     }
 
+    /// Whether a map point lies on a keypoint that has stood still for long, as far as it is known.
+    #[must_use]
+    pub fn is_vouched(&self, i: usize) -> bool {
+        holds(&self.vouched, i)
+    }
+
+    /// Whether a region's matches disagree with the background, as far as it is known.
+    #[must_use]
+    pub fn disagrees_at(&self, region: usize) -> bool {
+        holds(&self.disagrees, region)
+    }
+
     /// Whether a keypoint lies on a region that nothing is known about yet.
     #[must_use]
     pub fn is_unconfirmed(&self, i: usize) -> bool {
         matches!(self.verdict[i], Verdict::ThingNew | Verdict::UnknownNew)
     }
+}
+
+/// A fact that is not known yet does not hold.
+fn holds(facts: &[bool], i: usize) -> bool {
+    facts.get(i).is_some_and(|fact| *fact)
 }
 
 /// The filter's memory.
@@ -197,7 +216,7 @@ impl PanopticFilter {
         let mut frame = FrameFilter {
             class,
             region,
-            verdict: buffers.filled(n, Verdict::Static),
+            verdict: buffers.empty(),
             motion_sigmas: buffers.filled(n, f64::NAN),
             evidence: buffers.filled(regions.list.len(), Evidence::default()),
             stuff: Evidence::default(),
@@ -208,6 +227,7 @@ impl PanopticFilter {
             memory: buffers.empty(),
             epipolar: None,
             epipolar_px: buffers.filled(n, f64::NAN),
+            in_free_space: buffers.empty(),
             vouched: buffers.empty(),
             disagrees: buffers.empty(),
         };
@@ -222,7 +242,7 @@ impl PanopticFilter {
         frame
     }
 
-    /// Step 3: evidence under the camera pose, region states, final verdicts.
+    /// Step 3: facts under the camera pose, region states by them, and the verdicts once more, now by all that is known.
     pub fn judge(
         &self,
         ctx: &Context,
@@ -246,7 +266,6 @@ impl PanopticFilter {
         verdict::update_tracks(ctx, tracked, frame);
         frame.memory = self.remembered(ctx, frame);
         verdict::decide(ctx, obs, frame);
-        evidence::free_keypoints(ctx, &now, &older, frame);
     }
 
     /// Step 4: the frame becomes history. Without a pose it can't be compared with, so history ends there.

@@ -122,6 +122,8 @@ impl Regions {
             input.depth.as_deref().and_then(|d| d.metres(x, y)).unwrap_or(0.0)
         };
         let depth: Buffer<f64> = ctx.buffers.collect((0..self.cell.len()).map(|c| depth_of(c, self)));
+        // Neighbours in one picture, not one place in two: a slanted surface steps with its depth, which the margin of free space
+        // does not know.
         let joined = |a: usize, b: usize| match (depth[a] > 0.0, depth[b] > 0.0) {
             (true, true) => (depth[a] - depth[b]).abs() <= share * depth[a] + ctx.config.panoptic.motion.free_space_m,
             (false, false) => true,

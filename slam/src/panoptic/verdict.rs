@@ -1,9 +1,9 @@
-//! Keypoint classes and verdicts.
+//! Keypoint classes and verdicts: the one place where facts become decisions.
 
 use slam_math::Buffer;
 
 use super::association::Vote;
-use super::{CELL_PX, FrameFilter, NO_REGION, RegionKind, Regions, Tracked};
+use super::{CELL_PX, FrameFilter, NO_REGION, RegionKind, Regions, Tracked, holds};
 use crate::config::Rule;
 use crate::context::Context;
 use crate::input::{FrameInput, Sensor};
@@ -80,7 +80,7 @@ pub(super) fn update_tracks(ctx: &Context, tracked: &Tracked<'_>, frame: &mut Fr
         _ => MIN_VOUCHERS,
     };
     let vote = |region: usize| {
-        if tracked.disagrees.get(region).is_some_and(|disagrees| *disagrees) {
+        if holds(tracked.disagrees, region) {
             return Vote::Disagrees;
         }
         match frame.evidence[region].vote(&config.motion, &frame.stuff, by_keypoints) {
@@ -99,18 +99,25 @@ pub(super) fn update_tracks(ctx: &Context, tracked: &Tracked<'_>, frame: &mut Fr
     }
 }
 
-/// Verdicts from classes, region states and, under the paper's rule, epipolar distances.
+/// Turns all facts about a frame into verdicts: classes, region states, places, and under the paper's rule epipolar distances.
+/// It runs twice a frame. What needs the camera's pose is missing the first time, when tracking asks what it may use; that
+/// counts as not seen.
 pub(super) fn decide(ctx: &Context, obs: &Observation, frame: &mut FrameFilter) {
     let near_mover = near_movers(ctx, frame);
-    for i in 0..obs.len() {
+    let one = |i: usize| {
         let own = match ctx.config.panoptic.rule {
             Rule::Paper => by_epipolar_distance(ctx, frame, i),
             Rule::Geometric => by_region(ctx, frame, i),
         };
-        let cell = frame.regions.cell_at(obs.raw_pixel[i]);
-        let border = own == Verdict::Static && cell.is_some_and(|c| near_mover[c]);
-        frame.verdict[i] = if border { Verdict::Border } else { own };
-    }
+        let is_near_mover = || frame.regions.cell_at(obs.raw_pixel[i]).is_some_and(|cell| near_mover[cell]);
+        match own {
+            Verdict::Static if is_near_mover() => Verdict::Border,
+            // Its label says background, or a region that is static as a whole.
+            Verdict::Static if holds(&frame.in_free_space, i) => Verdict::FreeSpace,
+            own => own,
+        }
+    };
+    frame.verdict = ctx.buffers.collect((0..obs.len()).map(one));
 }
 
 fn by_region(ctx: &Context, frame: &FrameFilter, i: usize) -> Verdict {
@@ -121,10 +128,10 @@ fn by_region(ctx: &Context, frame: &FrameFilter, i: usize) -> Verdict {
     }
     let disagrees = frame.region[i].is_some_and(|r| {
         let is_heard_out = state != RegionState::Static || frame.tracks[r].disagreed_streak > 1;
-        is_heard_out && frame.disagrees.get(r).is_some_and(|disagrees| *disagrees)
+        is_heard_out && frame.disagrees_at(r)
     });
     let state = if disagrees { RegionState::Dynamic } else { state };
-    let is_vouched = state == RegionState::New && frame.vouched.get(i).is_some_and(|vouched| *vouched);
+    let is_vouched = state == RegionState::New && frame.is_vouched(i);
     match (frame.class[i], state) {
         (KeypointClass::Person, _) if p.people => Verdict::Person,
         (KeypointClass::Thing, RegionState::Dynamic) if p.things => Verdict::ThingDynamic,

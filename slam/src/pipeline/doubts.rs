@@ -48,8 +48,7 @@ fn is_gone(ctx: &Context, input: &FrameInput, filter: &FrameFilter, pixel: [f64;
     let Some(depth) = input.depth.as_deref() else { return false };
     let raw = ctx.camera.distort(pixel);
     let (cx, cy) = (round_to_pixel(raw[0]), round_to_pixel(raw[1]));
-    let m = &ctx.config.panoptic.motion;
-    let margin = m.free_space_m + m.free_space_sigmas * ctx.depth_sigma(z);
+    let margin = ctx.free_space_margin(z);
     let (mut measured, mut farther, mut same) = (0, 0, 0);
     for y in cy - WINDOW..=cy + WINDOW {
         for x in cx - WINDOW..=cx + WINDOW {

@@ -290,7 +290,9 @@ fn should_show(ctx: &Context, input: &FrameInput, filter: &FrameFilter, pixel: [
         return false;
     }
     let Some(depth) = input.depth.as_deref() else { return true };
-    let m = &ctx.config.panoptic.motion;
-    let margin = m.free_space_m + m.free_space_sigmas * ctx.depth_sigma(z);
+    let margin = ctx.free_space_margin(z);
     depth.metres(round_to_pixel(raw[0]), round_to_pixel(raw[1])).is_some_and(|measured| measured >= z - margin)
 }
+
+#[cfg(test)]
+mod tests;

@@ -19,6 +19,12 @@ fn counted(name: &'static str, count: usize, write: impl FnOnce(&mut DigestWrite
     field(name, FieldValue::Count(count as u64), write)
 }
 
+/// Facts that hold for some things, with the number of those.
+fn marked(name: &'static str, facts: &[bool]) -> FieldRecord {
+    let holding = facts.iter().filter(|fact| **fact).count();
+    counted(name, holding, |w| facts.iter().for_each(|fact| w.u8(u8::from(*fact))))
+}
+
 pub(super) fn features(obs: &Observation) -> StageRecord {
     let fields = smallvec![
         counted("keypoints", obs.len(), |w| obs.digest_keypoints(w)),
@@ -35,7 +41,8 @@ pub(super) fn regions(filter: &FrameFilter) -> StageRecord {
         }),
         counted("tracks", filter.tracks.len(), |w| {
             for t in &filter.tracks {
-                [t.id, t.age, t.static_streak, t.dynamic_streak, t.moved_streak].iter().for_each(|v| w.u32(*v));
+                let streaks = [t.static_streak, t.dynamic_streak, t.moved_streak, t.disagreed_streak];
+                [t.id, t.age].iter().chain(&streaks).for_each(|v| w.u32(*v));
                 w.u8(t.state as u8);
             }
         }),
@@ -44,6 +51,7 @@ pub(super) fn regions(filter: &FrameFilter) -> StageRecord {
                 [c.samples, c.free, c.consistent, c.keypoints, c.moved].iter().for_each(|v| w.u32(*v));
             }
         }),
+        marked("disagrees", &filter.disagrees),
     ];
     StageRecord { stage: Stage::Regions, fields }
 }
@@ -51,6 +59,8 @@ pub(super) fn regions(filter: &FrameFilter) -> StageRecord {
 pub(super) fn verdicts(filter: &FrameFilter, counts: &Counts) -> StageRecord {
     let fields = smallvec![
         counted("class", filter.class.len(), |w| filter.class.iter().for_each(|c| w.u8(*c as u8))),
+        marked("vouched", &filter.vouched),
+        marked("in free space", &filter.in_free_space),
         counted("verdict", counts.static_keypoints as usize, |w| filter.verdict.iter().for_each(|v| w.u8(*v as u8))),
         field("motion", FieldValue::None, |w| filter.motion_sigmas.iter().for_each(|v| residual(w, *v))),
         field("epipolar", FieldValue::None, |w| filter.epipolar_px.iter().for_each(|v| residual(w, *v))),

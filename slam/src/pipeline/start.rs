@@ -19,15 +19,15 @@ impl Step<'_> {
         // No keyframe while local mapping is at work: neither expects the other.
         let may_start = self.slam.schedule.is_idle(JobKind::Mapping);
         let started = if self.ctx.is_monocular() {
-            may_start && self.start_from_two_views(filter)
+            may_start && self.start_from_two_views()
         } else {
-            may_start && self.start_from_depth(filter)
+            may_start && self.start_from_depth()
         };
         self.observer.done(Work::Predict);
         started
     }
 
-    fn start_from_depth(&mut self, filter: &FrameFilter) -> bool {
+    fn start_from_depth(&mut self) -> bool {
         let obs = &self.frame.obs;
         let n = (0..obs.len()).filter(|i| self.frame.usable[*i] && obs.depth(*i).is_some()).count() as u32;
         if n < self.ctx.config.tracking.min_init_keypoints {
@@ -35,14 +35,14 @@ impl Step<'_> {
         }
         let map = self.new_map();
         self.frame.camera_from_world = Se3::identity();
-        self.insert(filter, map);
+        self.insert(map);
         self.counts.inliers = self.frame.match_count();
         self.event(map.0 > 0, format!("{map} started with {n} keypoints"));
         true
     }
 
-    fn start_from_two_views(&mut self, filter: &FrameFilter) -> bool {
-        match offer_view(&self.ctx, &mut self.slam.first_view, &self.frame, &filter.class) {
+    fn start_from_two_views(&mut self) -> bool {
+        match offer_view(&self.ctx, &mut self.slam.first_view, &self.frame) {
             Start::Unusable | Start::First => false,
             Start::NotYet(failure) => {
                 self.event(false, format!("no map yet: {failure}"));

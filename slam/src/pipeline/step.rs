@@ -45,6 +45,7 @@ impl<'a> Step<'a> {
             id: input.id,
             stamp: input.stamp,
             obs,
+            class: ctx.buffers.empty(),
             usable: ctx.buffers.filled(n, true),
             points: ctx.buffers.filled(n, None),
             camera_from_world: Se3::identity(),
@@ -81,6 +82,7 @@ impl<'a> Step<'a> {
 
         let obs = self.frame.obs.clone();
         let mut filter = self.slam.filter.label(&self.ctx, self.input, &obs);
+        self.frame.class = filter.class.clone();
         self.observer.done(Work::Label);
 
         let tracked = match self.slam.tracker.state {

@@ -15,6 +15,7 @@ impl Step<'_> {
             verdict: filter.verdict[i],
             epipolar_px: filter.epipolar_px[i],
             motion_sigmas: filter.motion_sigmas[i],
+            is_vouched: filter.is_vouched(i),
             point: self.frame.points[i].filter(|_| tracked),
         };
         FrameReport {
@@ -44,7 +45,8 @@ impl Step<'_> {
 
 fn region_reports(filter: &FrameFilter) -> impl Iterator<Item = RegionReport> {
     let px = |cells: u16| f64::from(cells) * CELL_PX as f64;
-    let one = move |((region, track), evidence): ((&Region, &Track), &Evidence)| {
+    let keypoints_of = move |region: usize| (0..filter.region.len()).filter(move |i| filter.region[*i] == Some(region));
+    let one = move |(i, ((region, track), evidence)): (usize, ((&Region, &Track), &Evidence))| {
         let [x0, x1, y0, y1] = region.extent;
         let last = evidence.counts.last().copied().unwrap_or_default();
         RegionReport {
@@ -58,7 +60,9 @@ fn region_reports(filter: &FrameFilter) -> impl Iterator<Item = RegionReport> {
             moved_share: evidence.moved_share(),
             samples: last.samples,
             keypoints: last.keypoints,
+            disagrees: filter.disagrees_at(i),
+            vouched: keypoints_of(i).filter(|keypoint| filter.is_vouched(*keypoint)).count() as u32,
         }
     };
-    filter.regions.list.iter().zip(&filter.tracks).zip(&filter.evidence).map(one)
+    filter.regions.list.iter().zip(&filter.tracks).zip(&filter.evidence).enumerate().map(one)
 }

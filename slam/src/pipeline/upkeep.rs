@@ -10,16 +10,15 @@ use crate::panoptic::FrameFilter;
 use crate::tracking::keyframe_needed;
 
 impl Step<'_> {
-    pub(super) fn insert(&mut self, filter: &FrameFilter, map: MapId) -> (KeyFrameId, u32) {
+    pub(super) fn insert(&mut self, map: MapId) -> (KeyFrameId, u32) {
         let frame = self.frame.clone();
-        let class = filter.class.clone();
         let (id, created) = self.edit(|ctx, editor, young| {
             let id = insert_keyframe(editor, &frame, map);
             let matched: Vec<_> = frame.matches().map(|(_, id)| id).collect();
             for point in matched {
                 editor.refresh(ctx, point);
             }
-            let created = create_points_from_depth(ctx, editor, young, id, &class);
+            let created = create_points_from_depth(ctx, editor, young, id);
             editor.apply(MapEdit::Connect(id));
             (id, created)
         });
@@ -52,7 +51,7 @@ impl Step<'_> {
         if keyframe_needed(&self.ctx, map, &self.frame, self.counts.inliers, last_keyframe).is_none() {
             return;
         }
-        let (id, _) = self.insert(filter, self.slam.tracker.active);
+        let (id, _) = self.insert(self.slam.tracker.active);
         self.mapping_due = Some(id);
     }
 }

@@ -23,6 +23,7 @@ pub use two_views::{FirstView, Start, TwoViews, offer_view};
 
 use crate::map::Map;
 use crate::observation::Observation;
+use crate::report::KeypointClass;
 
 /// A frame that is being or has been tracked.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -33,6 +34,8 @@ pub struct TrackedFrame {
     pub stamp: Stamp,
     /// What the sensor said.
     pub obs: Arc<Observation>,
+    /// What each keypoint lies on.
+    pub class: Buffer<KeypointClass>,
     /// Keypoints that tracking may use.
     pub usable: Buffer<bool>,
     /// Map point of each keypoint.

@@ -9,7 +9,6 @@ use slam_optimize::{TwoViewFailure, TwoViewOptions, two_view_reconstruction};
 use super::TrackedFrame;
 use crate::context::Context;
 use crate::matching::{Limits, Match, Query, consistent_rotation, search};
-use crate::report::KeypointClass;
 
 /// Random stream of this stage, see [`Rng::at`].
 const STAGE: u32 = 3;
@@ -20,7 +19,6 @@ const MAX_OCTAVE: u8 = 2;
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct FirstView {
     frame: TrackedFrame,
-    class: Vec<KeypointClass>,
     /// Where each keypoint was seen last: the camera moves on while the view waits.
     seen_at: Vec<[f64; 2]>,
 }
@@ -30,8 +28,6 @@ pub struct FirstView {
 pub struct TwoViews {
     /// The older frame; its camera is the world.
     pub first: TrackedFrame,
-    /// What its keypoints lie on.
-    pub first_class: Vec<KeypointClass>,
     /// `camera_from_world` of the newer frame.
     pub second_from_world: Se3,
     /// Keypoint of the first view, keypoint of the second one, position in the world.
@@ -52,12 +48,7 @@ pub enum Start {
 }
 
 /// Tries a frame as the partner of the waiting view. When they share too little, it becomes the waiting view itself.
-pub fn offer_view(
-    ctx: &Context,
-    waiting: &mut Option<FirstView>,
-    frame: &TrackedFrame,
-    class: &[KeypointClass],
-) -> Start {
+pub fn offer_view(ctx: &Context, waiting: &mut Option<FirstView>, frame: &TrackedFrame) -> Start {
     let m = &ctx.config.monocular;
     let usable = (0..frame.obs.len()).filter(|i| is_sharp(frame, *i)).count();
     if usable < m.min_matches as usize {
@@ -65,12 +56,12 @@ pub fn offer_view(
         return Start::Unusable;
     }
     let Some(first) = waiting else {
-        *waiting = Some(FirstView::new(frame, class));
+        *waiting = Some(FirstView::new(frame));
         return Start::First;
     };
     let matches = first.find_in(ctx, frame);
     if matches.len() < m.min_matches as usize {
-        *waiting = Some(FirstView::new(frame, class));
+        *waiting = Some(FirstView::new(frame));
         return Start::First;
     }
     for pair in &matches {
@@ -90,8 +81,8 @@ fn is_sharp(frame: &TrackedFrame, i: usize) -> bool {
 }
 
 impl FirstView {
-    fn new(frame: &TrackedFrame, class: &[KeypointClass]) -> Self {
-        Self { frame: frame.clone(), class: class.to_vec(), seen_at: frame.obs.pixel.to_vec() }
+    fn new(frame: &TrackedFrame) -> Self {
+        Self { frame: frame.clone(), seen_at: frame.obs.pixel.to_vec() }
     }
 
     /// The view's keypoints in a frame; the key is the view's keypoint.
@@ -141,6 +132,6 @@ impl FirstView {
         let mut first = self.frame.clone();
         first.camera_from_world = Se3::identity();
         first.points.fill(None);
-        Ok(TwoViews { first, first_class: self.class.clone(), second_from_world, points })
+        Ok(TwoViews { first, second_from_world, points })
     }
 }

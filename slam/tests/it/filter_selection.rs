@@ -1,32 +1,14 @@
 //! Which keypoints each selection lets tracking use.
 
 use slam::Config;
-use slam::panoptic::{Evidence, FrameFilter, Regions};
-use slam::report::{KeypointClass, Selection, Verdict};
-use slam_math::Buffer;
+use slam::panoptic::FrameFilter;
+use slam::report::{Selection, Verdict};
 
-use crate::support::context;
+use crate::support::{context, on_background};
 
 /// A frame with one keypoint of each verdict.
 fn frame() -> FrameFilter {
-    let n = Verdict::ALL.len();
-    FrameFilter {
-        class: vec![KeypointClass::Stuff; n].into(),
-        region: vec![None; n].into(),
-        verdict: Verdict::ALL.to_vec().into(),
-        motion_sigmas: vec![f64::NAN; n].into(),
-        regions: Regions::default(),
-        tracks: Buffer::default(),
-        evidence: Buffer::default(),
-        stuff: Evidence::default(),
-        ground: Buffer::default(),
-        keypoint_ground: vec![false; n].into(),
-        memory: Buffer::default(),
-        epipolar: None,
-        epipolar_px: vec![f64::NAN; n].into(),
-        vouched: Buffer::default(),
-        disagrees: Buffer::default(),
-    }
+    FrameFilter { verdict: Verdict::ALL.to_vec().into(), ..on_background(Verdict::ALL.len()) }
 }
 
 fn admitted(selection: Selection) -> Vec<Verdict> {

@@ -3,12 +3,14 @@
 #![allow(clippy::unwrap_used, missing_docs)] // a test may panic, and has no readers of its documentation
 
 mod config;
+mod consensus;
 mod corridor;
 mod filter;
 mod filter_selection;
 mod ground;
 mod jobs;
 mod joining;
+mod judgement;
 mod loops;
 mod loss;
 mod map;

@@ -37,6 +37,7 @@ pub fn keyframe(map: &Map, part: MapId, points: &[MapPointId]) -> MapEdit {
         stamp: Stamp(0),
         map: part,
         obs: Arc::new(observation(&pixels, &descriptors)),
+        class: Arc::new(vec![KeypointClass::Stuff; KEYPOINTS as usize]),
         usable: Arc::new(vec![true; KEYPOINTS as usize]),
         points: seen.into(),
         camera_from_world: pose(id.0),

@@ -69,6 +69,19 @@ pub struct Film {
     pub unmeasured: Option<u32>,
 }
 
+/// What tracking tells the filter about a frame beyond the pose.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Told {
+    /// So many keypoints on no region are matched with a map point ...
+    pub matched_on_background: usize,
+    /// ... and so many on regions.
+    pub matched_on_regions: usize,
+    /// So many keypoints on regions are vouched for.
+    pub vouched: usize,
+    /// Whether all regions disagree with the background.
+    pub disagrees: bool,
+}
+
 /// One frame and what the filter said.
 pub struct Shown {
     pub obs: Arc<Observation>,
@@ -90,8 +103,13 @@ impl Film {
         Se3 { translation: -Vector3::from(self.camera_m), ..Se3::identity() }
     }
 
-    /// Films the boards before the wall; the camera's pose is known.
+    /// Films the boards before the wall; the camera's pose is known, and no map.
     pub fn show(&mut self, boards: &[Board]) -> Shown {
+        self.show_told(boards, Told::default())
+    }
+
+    /// The same with what tracking knows by the map.
+    pub fn show_told(&mut self, boards: &[Board], told: Told) -> Shown {
         let input = self.input(boards);
         let obs = Arc::new(Observation::new(
             self.keypoints(boards),
@@ -102,15 +120,29 @@ impl Film {
         ));
         let pose = self.pose();
         let mut filter = self.filter.label(&self.ctx, &input, &obs);
-        let unmatched = vec![false; obs.len()];
+        let first = |n: usize, on_region: bool| {
+            let mut left = n;
+            let mut take = |region: &Option<usize>| {
+                let takes = left > 0 && region.is_some() == on_region;
+                left -= usize::from(takes);
+                takes
+            };
+            let taken: Vec<bool> = filter.region.iter().map(&mut take).collect();
+            assert_eq!(left, 0, "there are not that many keypoints");
+            taken
+        };
+        let on_background = first(told.matched_on_background, false);
+        let mut matched = first(told.matched_on_regions, true);
+        matched.iter_mut().zip(on_background).for_each(|(matched, also)| *matched |= also);
+        let (vouched, disagrees) = (first(told.vouched, true), vec![told.disagrees; filter.tracks.len()]);
         let tracked = Tracked {
             camera_from_world: &pose,
             position_sigma_m: 0.0,
             rotation_sigma_rad: 0.0,
             scene_depth: Some(WALL_M),
-            matched: &unmatched,
-            vouched: &unmatched,
-            disagrees: &[],
+            matched: &matched,
+            vouched: &vouched,
+            disagrees: &disagrees,
         };
         self.filter.judge(&self.ctx, &input, &obs, &tracked, &mut filter);
         self.filter.remember(&self.ctx, &input, &obs, Some(&pose), &filter);

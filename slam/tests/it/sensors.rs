@@ -3,7 +3,7 @@
 use fixtures::{World, WorldConfig};
 use nalgebra::Vector3;
 use slam::report::RegionState::{Dynamic, Static};
-use slam::report::TrackingState;
+use slam::report::{KeypointClass, TrackingState};
 use slam::{Config, FrameInput, FrameReport, Sensor, Setup, Slam};
 use slam_math::align::umeyama;
 use slam_vision::Workspace;
@@ -84,6 +84,28 @@ fn one_picture_needs_a_second_view_and_then_has_the_path_up_to_scale() {
     assert_eq!(tracked, 40 - start, "and never lost");
     // The first poses after the start lean on two views that are 1 degree apart: 46 mm with all of them.
     assert!(rmse < 0.06, "{rmse} m");
+}
+
+#[test]
+fn points_on_still_things_are_told_from_background_without_depth_too() {
+    let (inputs, _) = frames(120);
+    for sensor in [stereo(), Sensor::Monocular] {
+        let mut slam = Slam::new(&Config::default(), &Setup { sensor, ..setup() }).unwrap();
+        inputs.iter().for_each(|input| drop(feed(&mut slam, input).unwrap()));
+        let map = slam.map();
+        let seen_on = |point: &slam::map::MapPoint, class: KeypointClass| {
+            let is_on = |s: &slam::map::Sighting| {
+                map.keyframe(s.keyframe).is_some_and(|keyframe| keyframe.class[s.index as usize] == class)
+            };
+            2 * point.seen_in.iter().filter(|s| is_on(s)).count() > point.seen_in.len()
+        };
+        for class in [KeypointClass::Thing, KeypointClass::Stuff] {
+            let seen: Vec<_> = map.points().filter(|point| seen_on(point, class)).collect();
+            let alike = seen.iter().filter(|point| point.class == class).count();
+            assert!(seen.len() >= 30, "{} points of {sensor:?} on {class:?}", seen.len());
+            assert!(alike * 10 >= seen.len() * 9, "{alike} of {} points of {sensor:?} on {class:?}", seen.len());
+        }
+    }
 }
 
 #[test]

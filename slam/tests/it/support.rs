@@ -5,11 +5,13 @@ use std::sync::Arc;
 use fixtures::{Intrinsics, RenderedFrame, World, WorldConfig};
 use slam::context::Context;
 use slam::observation::Observation;
+use slam::panoptic::{Evidence, FrameFilter, Regions};
+use slam::report::{KeypointClass, Verdict};
 use slam::{
     Category, Config, DepthImage, FrameInput, FrameReport, Inline, PanopticMask, Segment, Sensor, Setup, Slam,
     SlamError, Unobserved,
 };
-use slam_math::{Buffers, FrameId, Rng, Stamp};
+use slam_math::{Buffer, Buffers, FrameId, Rng, Stamp};
 use slam_vision::{Camera, Descriptor, Distortion, Features, GrayImage, KeypointGrid, Workspace, gray_from_rgb};
 
 pub const WIDTH: usize = 320;
@@ -87,6 +89,28 @@ pub fn blank(id: u32, grey: u8) -> FrameInput {
         right: None,
         depth: None,
         panoptic: None,
+    }
+}
+
+/// A frame with so many keypoints, all of them on background, about which nothing else is known.
+pub fn on_background(keypoints: usize) -> FrameFilter {
+    FrameFilter {
+        class: vec![KeypointClass::Stuff; keypoints].into(),
+        region: vec![None; keypoints].into(),
+        verdict: vec![Verdict::Static; keypoints].into(),
+        motion_sigmas: vec![f64::NAN; keypoints].into(),
+        regions: Regions::default(),
+        tracks: Buffer::default(),
+        evidence: Buffer::default(),
+        stuff: Evidence::default(),
+        ground: Buffer::default(),
+        keypoint_ground: vec![false; keypoints].into(),
+        memory: Buffer::default(),
+        epipolar: None,
+        epipolar_px: vec![f64::NAN; keypoints].into(),
+        in_free_space: Buffer::default(),
+        vouched: Buffer::default(),
+        disagrees: Buffer::default(),
     }
 }
 

@@ -31,6 +31,8 @@ pub fn comparison(page: &mut Page, story: &Story, other: &Other) {
         count("frames in the trajectory", |s| format!("{} of {}", s.result.in_trajectory, s.result.frames)),
         count("keyframes", |s| s.result.keyframes.to_string()),
         count("map points", |s| s.result.map_points.to_string()),
+        count("map points on things", |s| s.result.map_points_on_things.to_string()),
+        count("map points on unknown areas", |s| s.result.map_points_on_unknown.to_string()),
         count("warnings", |s| s.result.warnings.to_string()),
         count("tracking, mean ms a frame", |s| format!("{:.2}", s.timing.tracking_ms())),
         count("fingerprint", |s| s.fingerprint.clone()),

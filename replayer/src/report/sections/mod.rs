@@ -78,7 +78,8 @@ fn tiles(story: &Story) -> Vec<(&'static str, String, String)> {
     if let Some(row) = story.rows.last() {
         tiles.push(("Duration", format!("{:.1} s", row.at_s), format!("{} frames", story.rows.len())));
     }
-    tiles.push(("Map", format!("{} points", result.map_points), format!("{} keyframes", result.keyframes)));
+    let more = format!("{} keyframes, {} points on things", result.keyframes, result.map_points_on_things);
+    tiles.push(("Map", format!("{} points", result.map_points), more));
     if let Some(seen) = &story.seen {
         let [moving, all] = moving_share(seen);
         tiles.push(("Moving keypoints", percent(moving, all), "filtered as seen moving".to_owned()));
