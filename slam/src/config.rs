@@ -275,7 +275,7 @@ sections! {
         rule: Rule,
         /// Names of the categories that are filtered a priori.
         people_names: Vec<String>,
-        /// Share of the keypoints that strong corners on Stuff are sure of; people get none. 0: labels change no keypoint.
+        /// Keypoints on Stuff at least, share of all; people get none. 0: labels change no keypoint.
         stuff_floor: f64,
         /// Short-term association.
         association: AssociationConfig,
@@ -341,6 +341,8 @@ sections! {
         suspect_frames: u32,
         /// Margin around people and movers, pixels.
         border_px: u32,
+        /// What is added to it for an octave of scale s: s - 1 times this, pixels.
+        corner_px: f64,
         /// Depth step that parts two unknown areas, share of the depth.
         depth_step_share: f64,
     }

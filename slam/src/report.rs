@@ -173,6 +173,8 @@ pub enum Selection {
     Static,
     /// Too few: those not confirmed yet as well.
     WithUnconfirmed,
+    /// Still too few: those beside people and movers as well.
+    WithBorders,
     /// Still too few: everything but people.
     AllButPeople,
     /// No label is believed.
@@ -181,7 +183,8 @@ pub enum Selection {
 
 impl Selection {
     /// All selections in falling order of preference.
-    pub const ALL: [Self; 4] = [Self::Static, Self::WithUnconfirmed, Self::AllButPeople, Self::Everything];
+    pub const ALL: [Self; 5] =
+        [Self::Static, Self::WithUnconfirmed, Self::WithBorders, Self::AllButPeople, Self::Everything];
 }
 
 /// The fundamental matrix between the last frame and this one (the paper's section III-B).

@@ -62,6 +62,9 @@ fn selection(selection: Selection) -> (Level, &'static str) {
     match selection {
         Selection::Static => (Level::Info, "tracks by static keypoints again"),
         Selection::WithUnconfirmed => (Level::Warn, "too few static keypoints: unconfirmed ones help"),
+        Selection::WithBorders => {
+            (Level::Warn, "too few static keypoints: unconfirmed ones and those beside people and movers are used too")
+        }
         Selection::AllButPeople => (Level::Warn, "far too few static keypoints: all but people are used"),
         Selection::Everything => (Level::Warn, "no keypoints but those on people fix the pose: all are used"),
     }

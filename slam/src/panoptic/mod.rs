@@ -147,6 +147,9 @@ impl FrameFilter {
         let admits = |v: &Verdict| match selection {
             Selection::Static => *v == Verdict::Static,
             Selection::WithUnconfirmed => matches!(v, Verdict::Static | Verdict::ThingNew | Verdict::UnknownNew),
+            Selection::WithBorders => {
+                matches!(v, Verdict::Static | Verdict::ThingNew | Verdict::UnknownNew | Verdict::Border)
+            }
             Selection::AllButPeople => *v != Verdict::Person,
             Selection::Everything => true,
         };

@@ -3,7 +3,7 @@
 use slam_math::Buffer;
 
 use super::association::Vote;
-use super::{CELL_PX, FrameFilter, NO_REGION, RegionKind, Regions, Tracked, holds};
+use super::{CELL_PX, CellMemory, FrameFilter, NO_REGION, RegionKind, Regions, Tracked, holds};
 use crate::config::Rule;
 use crate::context::Context;
 use crate::input::{FrameInput, Sensor};
@@ -103,13 +103,19 @@ pub(super) fn update_tracks(ctx: &Context, tracked: &Tracked<'_>, frame: &mut Fr
 /// It runs twice a frame. What needs the camera's pose is missing the first time, when tracking asks what it may use; that
 /// counts as not seen.
 pub(super) fn decide(ctx: &Context, obs: &Observation, frame: &mut FrameFilter) {
-    let near_mover = near_movers(ctx, frame);
+    let to_mover = distance_to_movers(ctx, frame);
+    let motion = &ctx.config.panoptic.motion;
     let one = |i: usize| {
         let own = match ctx.config.panoptic.rule {
             Rule::Paper => by_epipolar_distance(ctx, frame, i),
             Rule::Geometric => by_region(ctx, frame, i),
         };
-        let is_near_mover = || frame.regions.cell_at(obs.raw_pixel[i]).is_some_and(|cell| near_mover[cell]);
+        let is_near_mover = || {
+            let coarser = ctx.scales[usize::from(obs.octave[i])] - 1.0;
+            let margin_px = f64::from(motion.border_px) + motion.corner_px * coarser;
+            let cell = frame.regions.cell_at(obs.raw_pixel[i]);
+            cell.is_some_and(|cell| f64::from(to_mover[cell]) <= (margin_px / CELL_PX as f64).ceil())
+        };
         match own {
             Verdict::Static if is_near_mover() => Verdict::Border,
             // Its label says background, or a region that is static as a whole.
@@ -163,36 +169,30 @@ fn by_epipolar_distance(ctx: &Context, frame: &FrameFilter, i: usize) -> Verdict
     }
 }
 
-/// Cells within `border_px` of a cell that is or just was a person or a mover. The paper has no margin.
-fn near_movers(ctx: &Context, frame: &FrameFilter) -> Buffer<bool> {
-    let (width, height) = (frame.regions.width, frame.regions.height);
-    let cells = frame.memory.len();
-    let mut square = ctx.buffers.filled(cells, false);
-    if ctx.config.panoptic.rule == Rule::Paper {
-        return square;
+/// A distance that no margin reaches, cells.
+const FAR: u16 = 1 << 12;
+
+/// How many cells each cell is from one that is or just was a person or a mover: the larger of the distances along x and along
+/// y, at most [`FAR`]. The paper has no margin.
+fn distance_to_movers(ctx: &Context, frame: &FrameFilter) -> Buffer<u16> {
+    let is_hot = |memory: &CellMemory| ctx.config.panoptic.rule == Rule::Geometric && memory.heat > 0;
+    let cells = frame.memory.iter().map(|memory| if is_hot(memory) { 0 } else { FAR });
+    let mut distance = ctx.buffers.collect(cells);
+    // From the top left, then from the bottom right: the picture turned by half a turn.
+    for _ in 0..2 {
+        spread_distance(&mut distance, frame.regions.width);
+        distance.reverse();
     }
-    let hot = ctx.buffers.collect(frame.memory.iter().map(|memory| memory.heat > 0));
-    let reach = (ctx.config.panoptic.motion.border_px as usize).div_ceil(CELL_PX);
-    // A square is a row of rows: along x, then along y, each line once forwards and once backwards.
-    let mut wide = ctx.buffers.filled(cells, false);
-    for y in 0..height {
-        let line = (0..width).map(|x| y * width + x);
-        smear(&hot, &mut wide, reach, line.clone());
-        smear(&hot, &mut wide, reach, line.rev());
-    }
-    for x in 0..width {
-        let line = (0..height).map(|y| y * width + x);
-        smear(&wide, &mut square, reach, line.clone());
-        smear(&wide, &mut square, reach, line.rev());
-    }
-    square
+    distance
 }
 
-/// Marks each cell of a line that is or comes at most `reach` cells after a cell of `source`.
-fn smear(source: &[bool], marked: &mut [bool], reach: usize, line: impl Iterator<Item = usize>) {
-    let mut since = reach + 1;
-    for cell in line {
-        since = if source[cell] { 0 } else { since + 1 };
-        marked[cell] |= since <= reach;
+/// Each cell is at most one farther than its neighbours to the left and above.
+fn spread_distance(distance: &mut [u16], width: usize) {
+    for cell in 0..distance.len() {
+        let x = cell % width.max(1);
+        let done = [(1, x > 0), (width + 1, x > 0), (width, true), (width - 1, x + 1 < width)];
+        let neighbours = done.iter().filter(|(back, inside)| *inside && *back <= cell);
+        let nearest = neighbours.map(|(back, _)| distance[cell - back] + 1).min();
+        distance[cell] = distance[cell].min(nearest.unwrap_or(FAR));
     }
 }

@@ -86,7 +86,7 @@ pub fn track_neighbourhood(
     let mut local = LocalMap::around(ctx, map, last);
     let radius = 2.0 * ctx.config.tracking.motion_radius_px;
     let matches = match_local_map(ctx, map, &mut local, frame, SearchWindow::Pixels(radius), admits);
-    (matches, refine_pose(ctx, map, frame).inliers)
+    let n=frame.match_count(); let f = refine_pose(ctx, map, frame); if std::env::var("DBG").is_ok() { eprintln!("DBG {} usable {} local {} inview {} matches {n} in {}", frame.id.0, frame.usable.iter().filter(|u| **u).count(), local.points.len(), local.in_view.len(), f.inliers); } return (matches, f.inliers);
 }
 
 /// Matches against the reference keyframe by descriptor alone and optimises from the last pose. Returns matches and

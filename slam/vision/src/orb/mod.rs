@@ -72,7 +72,8 @@ impl Features {
 pub struct Parts<'a> {
     /// What a pixel of the image shows.
     pub of_pixel: &'a dyn Fn([f32; 2]) -> Part,
-    /// Share of a level's keypoints, 0 to 1, that strong corners of [`Part::Preferred`] are sure of.
+    /// Keypoints on [`Part::Preferred`] as a share of all that a level may have, 0 to 1. Where others took more of those, and there
+    /// are corners, these come on top.
     pub floor: f64,
 }
 
@@ -96,8 +97,7 @@ pub struct Workspace {
     scores: Vec<u8>,
     peaks: Vec<u8>,
     corners: Vec<Corner>,
-    /// Strong corners of the preferred part, and all others.
-    groups: [Vec<Corner>; 2],
+    preferred: Vec<Corner>,
     spread: spread::Scratch,
     cell_columns: Vec<(usize, usize)>,
     blurred: Vec<u8>,
@@ -142,7 +142,7 @@ impl OrbExtractor {
         &self.scales
     }
 
-    /// At most `config.features` keypoints of an image. Images too small for a patch (38 pixels) have none.
+    /// At most `config.features` keypoints of an image, and those that `parts` adds. Images too small for a patch (38 pixels) have none.
     ///
     /// Panics when `gray.data` does not hold `width * height` values.
     #[must_use]
@@ -217,26 +217,20 @@ impl OrbExtractor {
             return;
         };
         let part = |corner: &Corner| (parts.of_pixel)(to_base(corner));
-        let is_sure = |corner: &Corner| corner.score >= self.config.fast_threshold && part(corner) == Part::Preferred;
-        let [preferred, others] = &mut workspace.groups;
+        let is_preferred = |corner: &Corner| part(corner) == Part::Preferred;
+        let (all, preferred) = (&mut workspace.corners, &mut workspace.preferred);
+        all.retain(|corner| part(corner) != Part::Useless);
         preferred.clear();
-        others.clear();
-        workspace.corners.retain(|corner| part(corner) != Part::Useless);
-        for corner in &workspace.corners {
-            if is_sure(corner) { preferred.push(*corner) } else { others.push(*corner) }
-        }
-        let sure = ((quota as f64 * parts.floor).round() as usize).min(preferred.len());
-        let all = &mut workspace.corners;
+        preferred.extend(all.iter().filter(|corner| is_preferred(corner)));
+        let floor = ((quota as f64 * parts.floor).round() as usize).min(preferred.len());
         spread::spread(all, level.width, level.height, quota, &mut workspace.spread);
-        if all.iter().filter(|corner| is_sure(corner)).count() >= sure {
+        if all.iter().filter(|corner| is_preferred(corner)).count() >= floor {
             return;
         }
-        spread::spread(preferred, level.width, level.height, sure, &mut workspace.spread);
-        spread::spread(others, level.width, level.height, quota - sure, &mut workspace.spread);
-        all.clear();
+        spread::spread(preferred, level.width, level.height, floor, &mut workspace.spread);
         all.append(preferred);
-        all.append(others);
-        workspace.corners.sort_unstable_by_key(|corner| (corner.y, corner.x));
+        all.sort_unstable_by_key(|corner| (corner.y, corner.x));
+        all.dedup_by_key(|corner| (corner.y, corner.x));
     }
 
     /// Appends direction and descriptor of every corner in `workspace.corners`.
