@@ -28,7 +28,7 @@ pub enum ConfigError {
     #[error("configuration: {key} = {value} is outside {range}")]
     Range {
         /// Key with its section.
-        key: &'static str,
+        key: String,
         /// The refused value.
         value: f64,
         /// What is allowed.
@@ -50,6 +50,7 @@ macro_rules! sections {
 mod consensus;
 mod features;
 mod offline;
+mod ranges;
 mod sensors;
 
 pub use consensus::ConsensusConfig;
@@ -427,63 +428,6 @@ impl Config {
     #[must_use]
     pub fn to_toml(&self) -> String {
         toml::to_string_pretty(self).expect("plain tables and numbers")
-    }
-
-    fn validate(&self) -> Result<(), ConfigError> {
-        let positive = "numbers greater than 0";
-        let checks = [
-            ("sensor.bf", self.sensor.bf, self.sensor.bf > 0.0, positive),
-            ("sensor.close_baselines", self.sensor.close_baselines, self.sensor.close_baselines > 0.0, positive),
-            ("sensor.sigma_base_m", self.sensor.sigma_base_m, self.sensor.sigma_base_m > 0.0, positive),
-            (
-                "sensor.sigma_quadratic",
-                self.sensor.sigma_quadratic,
-                self.sensor.sigma_quadratic >= 0.0,
-                "numbers from 0",
-            ),
-            (
-                "sensor.depth_window_px",
-                f64::from(self.sensor.depth_window_px),
-                self.sensor.depth_window_px % 2 == 1
-                    && self.sensor.depth_window_px as usize <= crate::observation::MAX_WINDOW,
-                "odd numbers up to 9",
-            ),
-            ("stereo.sigma_px", self.stereo.sigma_px, self.stereo.sigma_px > 0.0, positive),
-            (
-                "stereo.window_px",
-                f64::from(self.stereo.window_px),
-                (1..=15).contains(&self.stereo.window_px),
-                "1 to 15",
-            ),
-            ("stereo.slide_px", f64::from(self.stereo.slide_px), (1..=15).contains(&self.stereo.slide_px), "1 to 15"),
-            ("monocular.sigma_px", self.monocular.sigma_px, self.monocular.sigma_px > 0.0, positive),
-            ("mapping.ba_every", f64::from(self.mapping.ba_every), self.mapping.ba_every > 0, "numbers from 1"),
-            ("orb.levels", self.orb.levels as f64, (2..=16).contains(&self.orb.levels), "2 to 16"),
-            (
-                "tracking.hamming_high",
-                f64::from(self.tracking.hamming_high),
-                self.tracking.hamming_high <= 256,
-                "0 to 256",
-            ),
-            (
-                "tracking.hamming_low",
-                f64::from(self.tracking.hamming_low),
-                self.tracking.hamming_low <= 256,
-                "0 to 256",
-            ),
-            ("tracking.ratio", self.tracking.ratio, self.tracking.ratio > 0.0 && self.tracking.ratio <= 1.0, "(0, 1]"),
-            (
-                "panoptic.motion.history_frames",
-                self.panoptic.motion.history_frames.len() as f64,
-                self.panoptic.motion.history_frames.iter().all(|age| (1..=300).contains(age)),
-                "ages of 1 to 300 frames",
-            ),
-        ];
-        let (last, consensus) = (self.r#final.checks(), self.panoptic.consensus.checks());
-        match checks.iter().chain(&last).chain(&consensus).find(|(_, _, ok, _)| !ok) {
-            Some((key, value, _, range)) => Err(ConfigError::Range { key, value: *value, range }),
-            None => Ok(()),
-        }
     }
 }
 

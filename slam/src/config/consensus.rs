@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::offline::Check;
+use super::ranges::Check;
 
 sections! {
     /// Regions against the background by matched map points.

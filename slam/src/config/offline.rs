@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::ranges::Check;
+
 sections! {
     /// After the last frame.
     FinalConfig {
@@ -23,9 +25,6 @@ sections! {
         min_inliers: usize,
     }
 }
-
-/// A key, its value, whether that is allowed, and what is.
-pub(super) type Check = (&'static str, f64, bool, &'static str);
 
 impl FinalConfig {
     pub(super) fn checks(&self) -> [Check; 7] {

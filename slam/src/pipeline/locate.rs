@@ -12,8 +12,8 @@ use crate::observation::round_to_pixel;
 use crate::panoptic::{FrameFilter, Matched, Tracked, consensus};
 use crate::report::{RegionState, Selection};
 use crate::tracking::{
-    LocalMap, PoseFit, SearchWindow, TrackedFrame, look_up, match_local_map, refine_pose, relocalize, track_motion_model,
-    track_neighbourhood, track_reference,
+    LocalMap, PoseFit, TrackedFrame, look_up, match_local_map, refine_pose, relocalize, track_motion_model,
+    track_reference,
 };
 
 /// A frame's pose with one selection of keypoints.
@@ -74,7 +74,7 @@ impl Step<'_> {
         let mut frame = self.frame.clone();
         let mut local = LocalMap::around(ctx, map, &frame);
         let admits = |i: usize, id: MapPointId| admits(ctx, map, selection, filter, i, id);
-        let local_matches = match_local_map(ctx, map, &mut local, &mut frame, SearchWindow::Usual, &admits);
+        let local_matches = match_local_map(ctx, map, &mut local, &mut frame, &admits);
         let (fit, disagrees) = agree_on_pose(ctx, map, filter, &mut frame);
         let depth = frame.median_depth(map, &ctx.buffers)?;
         let sigma_share = fit.position_sigma_m() / depth;
@@ -95,10 +95,6 @@ impl Step<'_> {
         {
             self.frame.camera_from_world = last.camera_from_world;
             (matches, inliers) = track_reference(ctx, map, keyframe, &mut self.frame, &admits);
-        }
-        if inliers < min {
-            let predicted = self.slam.tracker.velocity.unwrap_or_default() * last.camera_from_world;
-            (matches, inliers) = track_neighbourhood(ctx, map, &last, &predicted, &mut self.frame, &admits);
         }
         self.slam.tracker.last = Some(last);
         (matches, inliers)
@@ -223,7 +219,7 @@ impl Step<'_> {
         let (ctx, map, selection) = (&self.ctx, &self.slam.map, Selection::AllButPeople);
         let mut frame = self.frame.clone();
         let mut local = LocalMap::around(ctx, map, &frame);
-        let local_matches = match_local_map(ctx, map, &mut local, &mut frame, SearchWindow::Usual, &|_, _| true);
+        let local_matches = match_local_map(ctx, map, &mut local, &mut frame, &|_, _| true);
         let (fit, disagrees) = agree_on_pose(ctx, map, filter, &mut frame);
         let sigma_share = fit.position_sigma_m() / frame.median_depth(map, &ctx.buffers)?;
         Some(Attempt { selection, frame, local, fit, motion_matches: 0, local_matches, disagrees, sigma_share })

@@ -13,15 +13,6 @@ const MIN_VIEW_COS: f64 = 0.5;
 /// A point's scale range is stretched by a fifth at both ends.
 const RANGE_SLACK: f64 = 1.2;
 
-/// How far from its projection a point is searched.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum SearchWindow {
-    /// As the pose of a tracked frame allows.
-    Usual,
-    /// So many pixels at level 0, whatever the viewing angle.
-    Pixels(f64),
-}
-
 /// Keyframes and points around a frame.
 #[derive(Debug, Clone, Default)]
 pub struct LocalMap {
@@ -66,13 +57,7 @@ impl LocalMap {
         Self { reference: order.first().map(|(id, _)| *id), points, in_view: ctx.buffers.empty() }
     }
 
-    fn find_in_view(
-        &mut self,
-        ctx: &Context,
-        map: &Map,
-        frame: &TrackedFrame,
-        window: SearchWindow,
-    ) -> Buffer<Query<MapPointId>> {
+    fn find_in_view(&mut self, ctx: &Context, map: &Map, frame: &TrackedFrame) -> Buffer<Query<MapPointId>> {
         let center = frame.camera_from_world.inverse().translation;
         let matched = frame.matched_points(&ctx.buffers);
         let mut queries = ctx.buffers.empty();
@@ -84,12 +69,8 @@ impl LocalMap {
             if matched.binary_search(&point.id).is_ok() {
                 continue;
             }
-            let radius = match window {
-                SearchWindow::Usual if cos > 0.998 => 2.5 * ctx.config.tracking.local_radius,
-                SearchWindow::Usual => 4.0 * ctx.config.tracking.local_radius,
-                SearchWindow::Pixels(radius) => radius,
-            };
-            let radius = radius * ctx.scales[usize::from(octave)];
+            let width = if cos > 0.998 { 2.5 } else { 4.0 };
+            let radius = width * ctx.config.tracking.local_radius * ctx.scales[usize::from(octave)];
             queries.push(Query {
                 key: point.id,
                 pixel,
@@ -118,7 +99,7 @@ pub(crate) fn appearance(ctx: &Context, point: &MapPoint, center: &nalgebra::Vec
 
 /// Finds local points among the frame's free keypoints and optimises the pose. Returns how the pose fits them.
 pub fn track_local_map(ctx: &Context, map: &Map, local: &mut LocalMap, frame: &mut TrackedFrame) -> PoseFit {
-    match_local_map(ctx, map, local, frame, SearchWindow::Usual, &|_, _| true);
+    match_local_map(ctx, map, local, frame, &|_, _| true);
     refine_pose(ctx, map, frame)
 }
 
@@ -138,7 +119,7 @@ pub fn look_up(
     }
     let mut local = LocalMap { reference: None, points: local.points.clone(), in_view: ctx.buffers.empty() };
     local.points.retain(|id| admits(*id));
-    let queries = local.find_in_view(ctx, map, frame, SearchWindow::Usual);
+    let queries = local.find_in_view(ctx, map, frame);
     let limits = Limits { hamming: ctx.config.tracking.hamming_high, ratio: ctx.config.tracking.ratio };
     for m in &search(&frame.obs, &queries, limits, &ctx.buffers, wanted) {
         let Some(point) = map.point(m.key) else { continue };
@@ -155,10 +136,9 @@ pub fn match_local_map(
     map: &Map,
     local: &mut LocalMap,
     frame: &mut TrackedFrame,
-    window: SearchWindow,
     admits: Admits<'_>,
 ) -> u32 {
-    let queries = local.find_in_view(ctx, map, frame, window);
+    let queries = local.find_in_view(ctx, map, frame);
     let t = &ctx.config.tracking;
     let limits = Limits { hamming: t.hamming_high, ratio: t.ratio };
     let free = |i: usize| frame.usable[i] && frame.points[i].is_none();

@@ -14,10 +14,10 @@ use slam_math::{Buffer, Buffers, FrameId, KeyFrameId, MapPointId, Se3, Stamp};
 
 pub use keyframe_policy::{KeyframeNeed, keyframe_needed};
 pub(crate) use local_map::appearance;
-pub use local_map::{LocalMap, SearchWindow, look_up, match_local_map, track_local_map};
+pub use local_map::{LocalMap, look_up, match_local_map, track_local_map};
 pub use pose::{PoseFit, refine_pose};
 pub(crate) use predict::depth_tolerance;
-pub use predict::{Admits, track_motion_model, track_neighbourhood, track_reference};
+pub use predict::{Admits, track_motion_model, track_reference};
 pub use relocalize::{Relocalized, relocalize};
 pub use two_views::{FirstView, Start, TwoViews, offer_view};
 

@@ -3,7 +3,7 @@
 use slam_math::{Buffer, MapPointId, Se3};
 use slam_vision::nearest_two;
 
-use super::{LocalMap, SearchWindow, TrackedFrame, match_local_map, refine_pose};
+use super::{TrackedFrame, refine_pose};
 use crate::context::Context;
 use crate::map::{KeyFrame, Map};
 use crate::matching::{Limits, Match, Query, claimed, consistent_rotation, project, search};
@@ -69,24 +69,6 @@ fn match_last_frame(
 /// the right image coordinate, written for depth.
 pub(crate) fn depth_tolerance(ctx: &Context, z: f64, radius: f64) -> f64 {
     z * z / ctx.bf * radius
-}
-
-/// Matches all points around the last frame, not only those that it found itself, in a wide window around a predicted pose, and
-/// optimises it. Where little is in sight each frame finds another part of it again. Returns matches and inliers.
-pub fn track_neighbourhood(
-    ctx: &Context,
-    map: &Map,
-    last: &TrackedFrame,
-    predicted: &Se3,
-    frame: &mut TrackedFrame,
-    admits: Admits<'_>,
-) -> (u32, u32) {
-    frame.camera_from_world = *predicted;
-    frame.points.fill(None);
-    let mut local = LocalMap::around(ctx, map, last);
-    let radius = 2.0 * ctx.config.tracking.motion_radius_px;
-    let matches = match_local_map(ctx, map, &mut local, frame, SearchWindow::Pixels(radius), admits);
-    let n=frame.match_count(); let f = refine_pose(ctx, map, frame); if std::env::var("DBG").is_ok() { eprintln!("DBG {} usable {} local {} inview {} matches {n} in {}", frame.id.0, frame.usable.iter().filter(|u| **u).count(), local.points.len(), local.in_view.len(), f.inliers); } return (matches, f.inliers);
 }
 
 /// Matches against the reference keyframe by descriptor alone and optimises from the last pose. Returns matches and
