@@ -232,6 +232,7 @@ impl Tally {
             keyframes: slam.map().keyframe_count(),
             map_points: slam.map().point_count(),
             r#final: final_stage,
+            depth: slam.context().depth.miscalibration(),
             ..self.result
         };
         Outcome { result, trajectory: path.trajectory, online: online.trajectory, unrefined, timing }

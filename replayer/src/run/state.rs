@@ -19,7 +19,7 @@ use super::{RunError, RunResult};
 use crate::OutputError;
 
 /// To be raised whenever a type within a state changes: the encoding has no names in it.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 /// Bytes of the state in one block.
 const PIECE_BYTES: usize = 1 << 19;
 
