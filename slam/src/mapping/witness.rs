@@ -13,8 +13,6 @@ use crate::depth::{DepthView, Motion, Normal, Residual, Slope};
 use crate::input::Sensor;
 use crate::map::Map;
 
-/// Every so many keyframes; windows overlap, and those in between have the map's own adjustment.
-const EVERY: u32 = 2;
 /// Views that fix a point by pixels alone.
 const MIN_VIEWS: u32 = 3;
 /// Noise of a keypoint on level 0, pixels, as in the comparison with the map.
@@ -31,9 +29,9 @@ const MAX_RMS: [f64; 2] = [0.01, 0.01];
 /// Steeper is an edge too, metres a pixel: a floor that a camera at 1 m sees at 4 m has 0.03.
 const MAX_SLOPE: f64 = 0.03;
 
-/// Compares the depths of a keyframe with pixels alone; nothing for keyframes that are not due.
+/// Compares the depths of a keyframe with pixels alone.
 pub(super) fn witness(ctx: &Context, map: &Map, id: KeyFrameId, view: &DepthView) -> Normal {
-    let due = ctx.sensor == Sensor::Rgbd && id.0 % EVERY == 1 && ctx.config.sensor.learn_noise;
+    let due = ctx.sensor == Sensor::Rgbd && ctx.config.sensor.learn_noise;
     let Some(motion) = view.motion.filter(|motion| due && motion.seconds > 0.0) else { return Normal::default() };
     residuals(ctx, map, id, view, &motion).map_or_else(Normal::default, |residuals| Normal::of(&residuals))
 }
