@@ -78,3 +78,28 @@ fn slope_at(depth: &DepthImage, pixel: [f64; 2]) -> Option<Slope> {
     let left = slam_math::float::max(0.0, zz - a * xz - b * yz);
     Some(Slope { metres_per_px: [a, b], rms_m: left.sqrt() })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn image(depth_m: impl Fn(f64, f64) -> f64) -> DepthImage {
+        let units = (0..40 * 40).map(|i| (depth_m(f64::from(i % 40), f64::from(i / 40)) * 5000.0) as u16).collect();
+        DepthImage { width: 40, height: 40, units, metres_per_unit: 1.0 / 5000.0 }
+    }
+
+    #[test]
+    fn a_plane_has_its_slope_and_an_edge_is_no_plane() {
+        let plane = slope_at(&image(|x, y| 2.0 + 0.01 * x - 0.004 * y), [20.0, 20.0]).unwrap();
+        let [gx, gy] = plane.metres_per_px;
+        assert!((gx - 0.01).abs() < 1e-4 && (gy + 0.004).abs() < 1e-4 && plane.rms_m < 2e-4, "{plane:?}");
+        let edge = slope_at(&image(|x, _| if x < 20.0 { 1.0 } else { 3.0 }), [20.0, 20.0]).unwrap();
+        assert!(edge.rms_m > 0.3, "{edge:?}");
+        assert_eq!(
+            slope_at(&image(|x, _| if x < 20.0 { 0.0 } else { 3.0 }), [20.0, 20.0]),
+            None,
+            "half of it is a hole"
+        );
+        assert_eq!(slope_at(&image(|_, _| 2.0), [1.0, 20.0]), None, "beyond the border there is nothing");
+    }
+}
