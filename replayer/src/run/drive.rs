@@ -235,6 +235,7 @@ impl Tally {
             map_points_on_things: of_class(KeypointClass::Thing),
             map_points_on_unknown: of_class(KeypointClass::Unknown),
             r#final: final_stage,
+            depth: slam.context().depth.miscalibration(),
             ..self.result
         };
         Outcome { result, trajectory: path.trajectory, online: online.trajectory, unrefined, timing }

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use slam::depth::Miscalibration;
 use slam::report::FinalReport;
 
 use super::records::RunHeader;
@@ -71,6 +72,8 @@ pub struct RunResult {
     pub map_points_on_unknown: usize,
     /// What the final stage did, a map each; none when it is off.
     pub r#final: Vec<FinalReport>,
+    /// What pixels found to be wrong with depth everywhere; none where they found out nothing.
+    pub depth: Option<Miscalibration>,
     /// Events that are warnings.
     pub warnings: usize,
     /// What happened, the first thousand of it.
@@ -158,6 +161,9 @@ impl fmt::Display for RunSummary {
         )?;
         for part in &r.r#final {
             writeln!(f, "final        {}", told(part))?;
+        }
+        if let Some(depth) = &r.depth {
+            writeln!(f, "depth        {depth}")?;
         }
         writeln!(f, "events       {}, {} of them warnings", r.events.len() + r.events_left_out, r.warnings)?;
         for event in r.events.iter().filter(|event| event.warning).take(SHOWN_WARNINGS) {

@@ -7,11 +7,11 @@ use super::Editor;
 use crate::context::Context;
 use crate::map::{Map, MapEdit};
 
-struct Window {
+pub(super) struct Window {
     /// Keyframes that move, sorted, then those held fixed, sorted.
-    keyframes: Buffer<KeyFrameId>,
-    points: Buffer<MapPointId>,
-    problem: BaProblem,
+    pub keyframes: Buffer<KeyFrameId>,
+    pub points: Buffer<MapPointId>,
+    pub problem: BaProblem,
 }
 
 /// Whether a keyframe is one whose neighbourhood is adjusted: while the map fits into one window each, then every
@@ -57,7 +57,7 @@ pub(super) fn local_bundle_adjustment(ctx: &Context, editor: &mut Editor<'_>, id
     dropped
 }
 
-fn collect(ctx: &Context, map: &Map, id: KeyFrameId) -> Option<Window> {
+pub(super) fn collect(ctx: &Context, map: &Map, id: KeyFrameId) -> Option<Window> {
     let keyframe = map.keyframe(id)?;
     let mut moving = ctx.buffers.collect(keyframe.best_covisible(ctx.config.mapping.ba_keyframes - 1));
     moving.push(id);

@@ -7,6 +7,7 @@ mod fuse;
 mod local_ba;
 mod start;
 mod triangulate;
+mod witness;
 
 pub use crate::map::Editor;
 pub use create::{create_points_from_depth, insert_keyframe};
@@ -18,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use slam_math::KeyFrameId;
 
 use crate::context::Context;
-use crate::depth::DepthModel;
+use crate::depth::{DepthFound, DepthView};
 
 /// What local mapping did for one keyframe.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -41,13 +42,15 @@ pub fn local_mapping(
     editor: &mut Editor<'_>,
     young: &mut YoungPoints,
     keyframe: KeyFrameId,
-) -> (MappingCounts, DepthModel) {
+    view: &DepthView,
+) -> (MappingCounts, DepthFound) {
     let culled = young.cull(ctx, editor, keyframe);
     let triangulated = triangulate::triangulate_with_neighbours(ctx, editor, young, keyframe);
     let fused = fuse::fuse_with_neighbours(ctx, editor, keyframe);
     let ba_due = local_ba::is_due(ctx, editor.map(), keyframe);
     let ba_outliers = if ba_due { local_ba::local_bundle_adjustment(ctx, editor, keyframe) } else { 0 };
-    let depth = depth::compare_depths(ctx, editor.map(), keyframe);
+    let model = depth::compare_depths(ctx, editor.map(), keyframe);
+    let depth = DepthFound { model, normal: witness::witness(ctx, editor.map(), keyframe, view) };
     let keyframes_culled = cull::cull_keyframes(ctx, editor, keyframe);
     (MappingCounts { triangulated, fused, culled, ba_outliers, keyframes_culled }, depth)
 }

@@ -11,7 +11,7 @@ use slam_math::{KeyFrameId, MapId};
 
 use crate::config::Config;
 use crate::context::Context;
-use crate::depth::DepthModel;
+use crate::depth::{DepthFound, DepthView};
 use crate::looping::{Candidates, LoopFound, LoopState, correct, detect, global_adjustment};
 use crate::map::{Editor, Journal, Map};
 use crate::mapping::{MappingCounts, YoungPoints, local_mapping};
@@ -61,7 +61,7 @@ pub struct Job {
 /// What is to be done.
 pub(super) enum Task {
     /// Local mapping around a keyframe.
-    Mapping { keyframe: KeyFrameId, young: YoungPoints },
+    Mapping { keyframe: KeyFrameId, young: YoungPoints, view: DepthView },
     /// Verification of the candidates for a keyframe.
     Loop { keyframe: KeyFrameId, candidates: Candidates, state: LoopState },
     /// Adjustment of a part of the atlas.
@@ -79,7 +79,7 @@ pub struct JobResult {
 #[derive(Clone, Serialize, Deserialize)]
 pub(super) enum Outcome {
     /// Of local mapping: the points that are still on probation, counts, and depths compared with pixels.
-    Mapping { keyframe: KeyFrameId, young: YoungPoints, counts: MappingCounts, depth: Box<DepthModel> },
+    Mapping { keyframe: KeyFrameId, young: YoungPoints, counts: MappingCounts, depth: Box<DepthFound> },
     /// Of a loop search: what detection remembers, and the place that the correction is about.
     Loop { state: LoopState, found: Option<Box<LoopFound>> },
     /// Of a global adjustment: nothing.
@@ -106,8 +106,8 @@ impl Job {
     pub fn run(mut self) -> JobResult {
         let mut editor = Editor::new(&mut self.map, &self.ctx.buffers);
         let outcome = match self.task {
-            Task::Mapping { keyframe, mut young } => {
-                let (counts, depth) = local_mapping(&self.ctx, &mut editor, &mut young, keyframe);
+            Task::Mapping { keyframe, mut young, view } => {
+                let (counts, depth) = local_mapping(&self.ctx, &mut editor, &mut young, keyframe, &view);
                 Outcome::Mapping { keyframe, young, counts, depth: Box::new(depth) }
             }
             Task::Loop { keyframe, candidates, mut state } => {

@@ -9,7 +9,7 @@ use slam_math::{Buffer, FrameId, KeyFrameId};
 use super::job::{Executor, Job, JobKind, JobResult, Outcome, Task, Ticket};
 use super::{Slam, SlamError};
 use crate::context::Context;
-use crate::depth::DepthModel;
+use crate::depth::{DepthFound, DepthView};
 use crate::map::{EditCounts, Editor, MapEdit};
 use crate::mapping::MappingCounts;
 use crate::report::Event;
@@ -70,19 +70,19 @@ pub(super) struct Applied {
     pub edits: Buffer<MapEdit>,
     pub counts: EditCounts,
     pub mapping: MappingCounts,
-    /// What the application of a loop says.
-    pub event: Option<Event>,
+    /// What the application of a loop says, and what was found out about depth.
+    pub events: Vec<Event>,
     /// Factor on all lengths around the last frame.
     pub scale: f64,
 }
 
 impl Slam {
     /// Local mapping around a keyframe that was made from a frame, and when its result takes effect.
-    pub(super) fn mapping_job(&mut self, keyframe: KeyFrameId, frame: FrameId) -> (Job, FrameId) {
+    pub(super) fn mapping_job(&mut self, keyframe: KeyFrameId, frame: FrameId, view: DepthView) -> (Job, FrameId) {
         let ctx = Arc::clone(&self.ctx);
         let due = FrameId(frame.0 + JobKind::Mapping.lag(&ctx.config));
         let young = std::mem::take(&mut self.young);
-        (Job::new(ctx, &self.map, Task::Mapping { keyframe, young }), due)
+        (Job::new(ctx, &self.map, Task::Mapping { keyframe, young, view }), due)
     }
 
     /// Does to the map and its surroundings what a job found.
@@ -105,11 +105,11 @@ impl Slam {
                 self.places.remove(id.0);
             }
         }
-        let (mut mapping, mut event) = (MappingCounts::default(), None);
+        let (mut mapping, mut events) = (MappingCounts::default(), vec![]);
         match result.outcome {
             Outcome::Mapping { keyframe, mut young, counts, depth } => {
                 young.rename(&renaming);
-                self.learn_depth(&depth);
+                events = self.learn_depth(&depth);
                 self.young = young;
                 self.waiting.search = Some(keyframe);
                 mapping = counts;
@@ -117,20 +117,23 @@ impl Slam {
             Outcome::Loop { state, found } => {
                 self.loops = state;
                 let corrected = self.map.corrections() != corrections;
-                event = found.filter(|_| corrected).map(|found| self.loop_closed(&found));
+                events.extend(found.filter(|_| corrected).map(|found| self.loop_closed(&found)));
             }
             Outcome::Global => {}
         }
-        Applied { edits, counts, mapping, event, scale }
+        Applied { edits, counts, mapping, events, scale }
     }
 
-    /// From the next frame on, and in the next job, depth is believed as far as it deserves by all comparisons so far.
-    fn learn_depth(&mut self, found: &DepthModel) {
-        if !found.is_empty() && self.ctx.config.sensor.learn_noise {
-            let mut depth = self.ctx.depth.clone();
-            depth.add(found);
-            self.ctx = Arc::new(Context { depth, ..(*self.ctx).clone() });
+    /// From the next frame on, and in the next job, depth is believed as far as it deserves by all comparisons so far. Returns
+    /// what a user should know.
+    fn learn_depth(&mut self, found: &DepthFound) -> Vec<Event> {
+        if *found == DepthFound::default() || !self.ctx.config.sensor.learn_noise {
+            return vec![];
         }
+        let mut depth = self.ctx.depth.clone();
+        let news = depth.learn(found);
+        self.ctx = Arc::new(Context { depth, ..(*self.ctx).clone() });
+        news.into_iter().map(|text| Event { warning: true, text }).collect()
     }
 
     /// Applies what is still in flight. To be called after the last frame, before the map or the trajectory is read.

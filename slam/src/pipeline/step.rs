@@ -6,7 +6,8 @@ use slam_math::{Buffer, KeyFrameId, Se3, Sim3};
 
 use super::{Executor, Observer, Slam, SlamError, Tracker, Work, record, trajectory};
 use crate::context::Context;
-use crate::input::FrameInput;
+use crate::depth::{DepthView, Motion};
+use crate::input::{FrameInput, Sensor};
 use crate::map::{EditCounts, Editor, MapEdit};
 use crate::mapping::YoungPoints;
 use crate::observation::Observation;
@@ -105,7 +106,10 @@ impl<'a> Step<'a> {
 
     /// Submits what is to be done in the background. Tells whether there was anything.
     fn submit_jobs(&mut self) -> bool {
-        let mapping = self.mapping_due.take().map(|keyframe| self.slam.mapping_job(keyframe, self.frame.id));
+        let mapping = self.mapping_due.take().map(|keyframe| {
+            let view = self.depth_view();
+            self.slam.mapping_job(keyframe, self.frame.id, view)
+        });
         let mut jobs: Vec<_> = mapping.into_iter().collect();
         jobs.extend(self.slam.loop_jobs(self.frame.id));
         self.observer.done(Work::Snapshot);
@@ -115,6 +119,17 @@ impl<'a> Step<'a> {
         }
         self.observer.done(Work::Jobs);
         any
+    }
+
+    /// The depth image around the keypoints, and the camera's motion, for the comparison of depth with pixels.
+    fn depth_view(&self) -> DepthView {
+        let (Sensor::Rgbd, Some(depth)) = (self.ctx.sensor, &self.input.depth) else { return DepthView::default() };
+        let last = self.slam.tracker.last.as_ref().filter(|_| self.slam.tracker.state == TrackingState::Ok);
+        let motion = last.map(|last| Motion {
+            last_from_now: last.camera_from_world * self.frame.camera_from_world.inverse(),
+            seconds: (self.frame.stamp.0 - last.stamp.0) as f64 * 1e-9,
+        });
+        DepthView::new(depth, &self.frame.obs.raw_pixel, motion, &self.ctx.buffers)
     }
 
     /// Applies the results that take effect before this frame (or, without lag, at its end). Tells whether any changed the map.
@@ -130,7 +145,7 @@ impl<'a> Step<'a> {
             self.counts.points_culled += applied.mapping.culled;
             self.counts.points_fused += applied.mapping.fused;
             self.counts.ba_outliers += applied.mapping.ba_outliers;
-            self.events.extend(applied.event);
+            self.events.extend(applied.events);
             // Following a map that has not moved would still round.
             if applied.counts.applied > 0 {
                 any = true;

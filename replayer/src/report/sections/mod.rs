@@ -1,5 +1,6 @@
 //! What stands on the page, in order.
 
+mod depth;
 mod errors;
 mod frames;
 mod manifest;
@@ -21,6 +22,7 @@ pub fn page(story: &Story) -> Result<String, ReportError> {
     tracking::tracking(&mut page, story);
     tracking::filter(&mut page, story);
     tracking::map(&mut page, story);
+    depth::depth(&mut page, story);
     tracking::times(&mut page, story);
     frames::frames(&mut page, story)?;
     if let Some(other) = &story.other {

@@ -5,6 +5,12 @@
 //! that makes depth wrong there: the sensor, its registration to the picture, smooth bias. A common factor on all lengths can't
 //! show: the map takes it over.
 
+mod fit;
+mod view;
+
+pub use fit::{DepthFit, Estimated, Miscalibration, Normal, Residual};
+pub use view::{DepthView, Motion, Slope};
+
 use serde::{Deserialize, Serialize};
 use slam_math::float;
 
@@ -35,6 +41,19 @@ pub struct RangeSums {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct DepthModel {
     ranges: [RangeSums; RANGES],
+    /// What is wrong everywhere.
+    fit: DepthFit,
+    /// What of it was told, a bit each.
+    told: u8,
+}
+
+/// What one keyframe tells.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct DepthFound {
+    /// Depths compared, range by range.
+    pub model: DepthModel,
+    /// Against pixels alone, one keyframe's.
+    pub normal: Normal,
 }
 
 impl DepthModel {
@@ -60,6 +79,27 @@ impl DepthModel {
                 *sums = RangeSums { count: MEMORY, variance: sums.variance * fade, bias: sums.bias * fade };
             }
         }
+    }
+
+    /// Adds the comparisons of one keyframe. Returns what is known now and was not told before, for the user.
+    pub fn learn(&mut self, found: &DepthFound) -> Vec<String> {
+        self.add(&found.model);
+        self.fit.add(&found.normal);
+        let known = self.miscalibration();
+        let mut news = Vec::new();
+        for (number, text) in known.iter().flat_map(Miscalibration::told) {
+            if self.told & 1 << number == 0 {
+                self.told |= 1 << number;
+                news.push(text);
+            }
+        }
+        news
+    }
+
+    /// What is wrong with depth in the same way everywhere; none while too little is known.
+    #[must_use]
+    pub fn miscalibration(&self) -> Option<Miscalibration> {
+        self.fit.solve()
     }
 
     /// Whether nothing was compared.
