@@ -23,6 +23,16 @@ fn unknown_keys_and_bad_values_are_refused() {
     assert!(Config::from_toml("[tracking]\nmin_inlier = 3").is_err());
     assert!(Config::from_toml("[sensor]\nbf = -1.0").unwrap_err().to_string().contains("sensor.bf"));
     assert!(Config::from_toml("[sensor]\nbf = nan").is_err());
+    for (text, key) in [
+        ("[panoptic.consensus]\nmax_chi2 = nan", "panoptic.consensus.max_chi2"),
+        ("[panoptic.motion]\nfree_space_m = inf", "panoptic.motion.free_space_m"),
+        ("[final]\ndepth_weights = [1.0, nan]", "final.depth_weights"),
+        ("[panoptic]\nstuff_floor = 1.5", "panoptic.stuff_floor"),
+        ("[tracking]\ngood_sigma_share = 0.0", "tracking.good_sigma_share"),
+    ] {
+        let refused = Config::from_toml(text).unwrap_err().to_string();
+        assert!(refused.contains(key), "{text}: {refused}");
+    }
     assert!(Config::preset("everything").unwrap_err().to_string().contains("people+things"));
 }
 

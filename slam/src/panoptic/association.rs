@@ -283,13 +283,14 @@ mod tests {
     #[test]
     fn disagreement_in_a_row_moves_any_region_and_silence_does_not_break_it() {
         use RegionState::{Dynamic, New, Static};
-        // `panoptic.consensus.frames` is 3.
+        let mut config = Config::default().panoptic;
+        config.consensus.frames = 3;
         for state in [New, Static] {
             let votes = [Vote::Disagrees, Vote::Silent, Vote::Disagrees, Vote::Disagrees];
-            assert_eq!(states(track(state), &votes), [state, state, state, Dynamic]);
+            assert_eq!(states_by(&config, track(state), &votes), [state, state, state, Dynamic]);
         }
         let votes = [Vote::Disagrees, Vote::Disagrees, Vote::Static, Vote::Disagrees, Vote::Disagrees];
-        assert!(states(track(Static), &votes).iter().all(|s| *s == Static), "agreement in between breaks it");
+        assert!(states_by(&config, track(Static), &votes).iter().all(|s| *s == Static), "agreement in between breaks it");
     }
 
     #[test]

@@ -21,6 +21,9 @@ fn admitted(selection: Selection) -> Vec<Verdict> {
 fn each_selection_admits_more_than_the_one_before_and_the_last_believes_no_label() {
     assert_eq!(admitted(Selection::Static), [Verdict::Static]);
     assert_eq!(admitted(Selection::WithUnconfirmed), [Verdict::Static, Verdict::ThingNew, Verdict::UnknownNew]);
+    let with_borders = [Verdict::Static, Verdict::ThingNew, Verdict::UnknownNew, Verdict::Border];
+    let is_in_order = |list: &[Verdict]| Verdict::ALL.into_iter().filter(|v| list.contains(v)).collect::<Vec<_>>();
+    assert_eq!(admitted(Selection::WithBorders), is_in_order(&with_borders));
     let but_people: Vec<Verdict> = Verdict::ALL.into_iter().filter(|v| *v != Verdict::Person).collect();
     assert_eq!(admitted(Selection::AllButPeople), but_people);
     assert_eq!(admitted(Selection::Everything), Verdict::ALL);

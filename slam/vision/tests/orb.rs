@@ -6,7 +6,9 @@ mod common;
 use common::{collage, noise};
 use slam_math::DigestWriter;
 use slam_math::float::{cos, sin};
-use slam_vision::{Features, GrayImage, Image, Kernels, OrbConfig, OrbExtractor, VisionError, Workspace, hamming};
+use slam_vision::{
+    Features, GrayImage, Image, Kernels, OrbConfig, OrbExtractor, Part, Parts, VisionError, Workspace, hamming,
+};
 
 fn extractor() -> OrbExtractor {
     OrbExtractor::new(&OrbConfig::default()).unwrap()
@@ -176,4 +178,46 @@ fn coarse_octaves_report_unbiased_pixels() {
         let allowed = 0.1 * extractor().scale(octave);
         assert!(bias.iter().all(|bias| bias.abs() < allowed), "octave {octave}: {bias:?} pixels off");
     }
+}
+
+/// Texture of low contrast to the right of x = 400, of high contrast to the left.
+fn loud_and_faint() -> GrayImage {
+    let mut image = collage(640, 480);
+    for (i, value) in image.data.iter_mut().enumerate() {
+        if i % 640 >= 400 {
+            *value = 100 + *value / 4;
+        }
+    }
+    image
+}
+
+fn in_parts(left: Part, right: Part, floor: f64) -> Features {
+    let of_pixel = move |[x, _]: [f32; 2]| if x < 400.0 { left } else { right };
+    let parts = Parts { of_pixel: &of_pixel, floor };
+    extractor().extract_with(&loud_and_faint(), Some(&parts), &mut Workspace::default())
+}
+
+fn right_of_400(features: &Features) -> usize {
+    features.pixel.iter().filter(|pixel| pixel[0] >= 400.0).count()
+}
+
+#[test]
+fn what_is_preferred_gets_keypoints_on_top_of_all_others() {
+    let usual = in_parts(Part::Other, Part::Preferred, 0.0);
+    assert_eq!(usual, extractor().extract(&loud_and_faint()), "without a floor parts change nothing");
+    let faint = right_of_400(&usual);
+    let more = in_parts(Part::Other, Part::Preferred, 0.6);
+    let [before, after] = [&usual, &more].map(|f| f.len() - right_of_400(f));
+    assert_eq!(before, after, "nothing is taken from the others");
+    assert!(faint < 450 && (550..=620).contains(&right_of_400(&more)), "{faint} {}", right_of_400(&more));
+    assert!(usual.pixel.iter().all(|pixel| more.pixel.contains(pixel)));
+    let enough = in_parts(Part::Preferred, Part::Other, 0.3);
+    assert_eq!(enough, usual, "where there are as many anyway, nothing is added");
+}
+
+#[test]
+fn what_is_useless_gets_none() {
+    let features = in_parts(Part::Other, Part::Useless, 0.5);
+    assert_eq!(right_of_400(&features), 0);
+    assert!(features.len() > 900, "{}", features.len());
 }

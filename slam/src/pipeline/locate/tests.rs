@@ -130,7 +130,8 @@ fn selections_widen_one_by_one_until_the_pose_is_supported() {
     assert_eq!(chosen(every(25, Static, UnknownNew)), (Selection::WithUnconfirmed, all));
     assert_eq!(chosen(every(4, ThingNew, ThingDynamic)), (Selection::WithUnconfirmed, all / 4));
     assert_eq!(chosen(every(25, Static, ThingDynamic)), (Selection::AllButPeople, all));
-    assert_eq!(chosen(every(4, Border, Person)), (Selection::AllButPeople, all / 4));
+    assert_eq!(chosen(every(4, Border, Person)), (Selection::WithBorders, all / 4));
+    assert_eq!(chosen(every(4, Border, ThingDynamic)), (Selection::WithBorders, all / 4), "before what moves");
     assert_eq!(chosen(every(25, Static, Person)), (Selection::Everything, all));
     assert_eq!(chosen(|_| Person), (Selection::Everything, all), "a mask never costs a frame");
 }
