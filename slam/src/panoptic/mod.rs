@@ -32,7 +32,7 @@ pub use regions::{CELL_PX, NO_REGION, Region, RegionKind, Regions};
 
 use crate::config::Rule;
 use crate::context::Context;
-use crate::input::{DepthImage, FrameInput};
+use crate::input::{DepthImage, FrameInput, PanopticMask, Sensor};
 use crate::map::moved_pose;
 use crate::observation::Observation;
 use crate::report::{KeypointClass, RegionState, Selection, Verdict};
@@ -196,6 +196,8 @@ pub struct PanopticFilter {
     next_track: u32,
     /// Frames in a row without a pose, in which no motion could be judged.
     blind_frames: u32,
+    /// Whether any frame came with a mask.
+    had_mask: bool,
 }
 
 /// Regions of the last frame, for association.
@@ -210,6 +212,8 @@ impl PanopticFilter {
     /// Step 1: classes, regions, association, verdicts from what is known so far.
     #[must_use]
     pub fn label(&mut self, ctx: &Context, input: &FrameInput, obs: &Observation) -> FrameFilter {
+        let unlabelled = self.without_its_mask(ctx, input);
+        let input = unlabelled.as_ref().unwrap_or(input);
         let regions = Regions::new(ctx, input);
         let before = self.last.as_ref().map_or(&[][..], |last| &last.memory);
         let ground = ground::expected(ctx, before, &regions);
@@ -243,6 +247,23 @@ impl PanopticFilter {
         }
         verdict::decide(ctx, obs, &mut frame);
         frame
+    }
+
+    /// A frame whose mask is missing, though frames before it had theirs, as one in which no segment claims anything: what was
+    /// background is known by its place, the rest has to show that it stands still. Where labels never were, or without depth,
+    /// nothing tells, and everything is background.
+    fn without_its_mask(&mut self, ctx: &Context, input: &FrameInput) -> Option<FrameInput> {
+        if input.panoptic.is_some() {
+            self.had_mask = true;
+            return None;
+        }
+        let p = &ctx.config.panoptic;
+        let is_judged = p.rule == Rule::Geometric && p.unknown && input.depth.is_some() && ctx.sensor == Sensor::Rgbd;
+        (self.had_mask && is_judged).then(|| {
+            let (width, height) = (input.gray.width, input.gray.height);
+            let mask = PanopticMask { width, height, ids: vec![0; width * height], segments: Vec::new() };
+            FrameInput { panoptic: Some(Arc::new(mask)), ..input.clone() }
+        })
     }
 
     /// Step 3: facts under the camera pose, region states by them, and the verdicts once more, now by all that is known.
