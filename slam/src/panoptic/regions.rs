@@ -53,7 +53,8 @@ pub struct Regions {
 }
 
 impl Regions {
-    /// Cuts a picture into regions. Without a mask everything is background.
+    /// Cuts a picture into regions. Without a mask everything is background; [`super::PanopticFilter`] gives one in which nothing is
+    /// known to frames that lost theirs.
     #[must_use]
     pub fn new(ctx: &Context, input: &FrameInput) -> Self {
         let (width, height) = (input.gray.width / CELL_PX, input.gray.height / CELL_PX);

@@ -4,7 +4,7 @@ use std::sync::{Arc, OnceLock};
 
 use fixtures::{RenderedFrame, World};
 use nalgebra::Vector3;
-use slam::report::{KeypointClass, Stage, TrackingState};
+use slam::report::{KeypointClass, Stage, TrackingState, Verdict};
 use slam::{Config, FrameInput, FrameReport, Slam, SlamError};
 use slam_math::align::umeyama;
 use slam_math::{FrameId, MapId};
@@ -136,17 +136,19 @@ fn a_frame_without_depth_is_tracked_by_its_picture() {
 }
 
 #[test]
-fn frames_without_mask_are_background() {
+fn a_missing_mask_is_unknown_and_without_any_all_is_background() {
     let (_, reports) = run_with(|id, input| {
         if id % 3 == 1 {
             input.panoptic = None;
         }
     });
     assert_eq!(poses(&reports), [true; FRAMES as usize]);
-    assert!(reports[4].keypoints.iter().all(|k| k.class == KeypointClass::Stuff));
-    assert!(reports[3].keypoints.iter().any(|k| k.class != KeypointClass::Stuff));
+    assert!(reports[4].keypoints.iter().all(|k| k.class == KeypointClass::Unknown));
+    assert!(reports[4].keypoints.iter().filter(|k| k.verdict == Verdict::Static).count() > 50, "known by its place");
+    assert!(reports[3].keypoints.iter().any(|k| k.class == KeypointClass::Stuff));
     let (_, reports) = run_with(|_, input| input.panoptic = None);
     assert_eq!(poses(&reports), [true; FRAMES as usize]);
+    assert!(reports.iter().flat_map(|r| &r.keypoints[..]).all(|k| k.class == KeypointClass::Stuff));
 }
 
 #[test]
