@@ -25,7 +25,7 @@ impl Config {
     }
 
     /// Of what the picture is made into.
-    fn front_checks(&self) -> [Check; 10] {
+    fn front_checks(&self) -> [Check; 11] {
         let c = self;
         [
             ("sensor.bf", c.sensor.bf, c.sensor.bf > 0.0, POSITIVE),
@@ -43,6 +43,12 @@ impl Config {
             ("stereo.window_px", f64::from(c.stereo.window_px), (1..=15).contains(&c.stereo.window_px), "1 to 15"),
             ("stereo.slide_px", f64::from(c.stereo.slide_px), (1..=15).contains(&c.stereo.slide_px), "1 to 15"),
             ("monocular.sigma_px", c.monocular.sigma_px, c.monocular.sigma_px > 0.0, POSITIVE),
+            (
+                "orb.features",
+                c.orb.features as f64,
+                c.orb.features as f64 * (1.0 + c.panoptic.stuff_floor) <= f64::from(u16::MAX),
+                "1 to 65535 with the share panoptic.stuff_floor of it on top",
+            ),
             ("orb.levels", c.orb.levels as f64, (2..=16).contains(&c.orb.levels), "2 to 16"),
         ]
     }

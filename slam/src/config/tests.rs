@@ -28,6 +28,7 @@ fn unknown_keys_and_bad_values_are_refused() {
         ("[panoptic.motion]\nfree_space_m = inf", "panoptic.motion.free_space_m"),
         ("[final]\ndepth_weights = [1.0, nan]", "final.depth_weights"),
         ("[panoptic]\nstuff_floor = 1.5", "panoptic.stuff_floor"),
+        ("[orb]\nfeatures = 50000", "stuff_floor"),
         ("[tracking]\ngood_sigma_share = 0.0", "tracking.good_sigma_share"),
     ] {
         let refused = Config::from_toml(text).unwrap_err().to_string();
